@@ -203,7 +203,7 @@ def test_other_lengths_are_damage(name: str) -> None:
 
 def page(before: str, first: str) -> list[str]:
     """The lines of formats.md that begin like the first one, behind a place in it."""
-    _, _, text = (Path(__file__).parents[2] / "formats.md").read_text().partition(before)
+    _, _, text = (Path(__file__).parents[2] / "docs/format/packed.md").read_text().partition(before)
     assert text, before
     return list(takewhile(lambda line: line.startswith(first), dropwhile(lambda line: not line.startswith(first), text.splitlines())))
 

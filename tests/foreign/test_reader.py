@@ -27,7 +27,7 @@ MODELS = ["chapel.goblin", "crossing.goblin", "chapel_packed.goblin", "crossing_
 CELLS = sorted(path.name for path in FIXTURES.glob("*.goblin") if path.name not in MODELS)
 HISTORIES = sorted(path.name for path in FIXTURES.glob("*.autumn"))
 PICTURE = np.array(
-    [[int(v) for v in row.split()] for row in re.findall(r"^    ((?:\d ){7}\d)$", (ROOT / "formats.md").read_text(), re.M)[:8]], np.uint8
+    [[int(v) for v in row.split()] for row in re.findall(r"^    ((?:\d ){7}\d)$", (ROOT / "docs/format/goblin.md").read_text(), re.M)[:8]], np.uint8
 )
 # Nodes of one level that are looked for one by one; of more, as many at random.
 NODES = 1 << 15

@@ -18,6 +18,12 @@ fn text(name: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
 }
 
+/// The specification: `formats.md`, then its pages in the order of their sections.
+fn formats() -> String {
+    let pages = ["goblin", "autumnal", "exact-model", "packed", "points", "lines"];
+    pages.iter().fold(text("formats.md"), |all, page| all + &text(&format!("docs/format/{page}.md")))
+}
+
 /// The fenced block after a marker.
 fn block<'a>(text: &'a str, marker: &str) -> &'a str {
     let (_, after) = text.split_once(marker).expect("the marker");
@@ -60,7 +66,7 @@ fn picture(formats: &str) -> Vec<u8> {
 
 /// The file of section 16.
 fn classic(packing: Packing) -> Vec<u8> {
-    let cells = picture(&text("formats.md"));
+    let cells = picture(&formats());
     assert_eq!(cells.len(), 64);
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(8 * y + x) as usize]));
     let tree = MemTree::from_cells(QUAD, 3, Rule::Dominant, &cell);
@@ -75,7 +81,7 @@ fn classic(packing: Packing) -> Vec<u8> {
 #[test]
 fn the_dump_is_what_the_builder_writes() {
     let written = classic(Packing::default());
-    assert_eq!(dumped(block(&text("formats.md"), "<!-- dump: classic.goblin -->")), written);
+    assert_eq!(dumped(block(&formats(), "<!-- dump: classic.goblin -->")), written);
     let frozen = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/classic.goblin");
     assert_eq!(std::fs::read(frozen).unwrap(), written);
 }
@@ -88,7 +94,7 @@ fn the_dump_of_a_packed_segment_is_what_the_builder_writes() {
 
 /// Fails unless a file has the bytes of the dump with a name, from an offset on.
 fn assert_dumped(name: &str, file: &[u8], offset: usize) -> usize {
-    let expected = dumped(block(&text("formats.md"), &format!("<!-- dump: {name} -->")));
+    let expected = dumped(block(&formats(), &format!("<!-- dump: {name} -->")));
     assert!(file[offset..].starts_with(&expected), "{name}");
     expected.len()
 }
@@ -99,7 +105,7 @@ fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
     let tree = MemTree::from_cells(QUAD, 5, Rule::Mean, &cell);
     let cut = Cut { reach: 4, stride: 2, threshold: 1 };
     let written = reference::goblin(&tree, [8, 8, 1], (Rule::Mean, DataKind::Continuous), cut);
-    let formats = text("formats.md");
+    let formats = formats();
     assert_eq!(dumped_of(block(&formats, "<!-- dump: dense blocks -->"), &written), written);
     // And what the library makes of these cells, cut like this.
     assert_eq!(Goblin::from_bytes(written).unwrap().verify(1 << 20, &()).unwrap(), []);
@@ -120,7 +126,7 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     let file = std::fs::read(&path).unwrap();
     is_end(&file, assert_dumped("classic.autumn", &file, 12288));
     // The same picture with 8 x 8 cells for one.
-    let cells = picture(&text("formats.md"));
+    let cells = picture(&formats());
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(y / 8 * 8 + x / 8) as usize]));
     let tree = MemTree::from_cells(QUAD, 6, Rule::Dominant, &cell);
     let options = BuildOptions::new(DataKind::Categorical, 6).rule(Rule::Dominant).memory(1 << 20);
@@ -163,7 +169,7 @@ fn the_dump_of_an_exact_model_is_what_is_built() {
     let path = folder.path().join("tetrahedron.goblin");
     tetrahedron(&path);
     let written = std::fs::read(&path).unwrap();
-    assert_eq!(dumped(block(&text("formats.md"), "<!-- dump: tetrahedron.goblin -->")), written);
+    assert_eq!(dumped(block(&formats(), "<!-- dump: tetrahedron.goblin -->")), written);
     let model = ExactModel::open(&path, &Default::default()).unwrap();
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
     let place = |at: [f64; 3]| model.locate(at).unwrap();
@@ -175,7 +181,7 @@ fn the_dump_of_an_exact_model_is_what_is_built() {
 #[test]
 fn tables_of_byte_positions_add_up() {
     // In every table whose first columns are a position and a length, each row starts where the one before ended.
-    let formats = text("formats.md");
+    let formats = formats();
     let (mut tables, mut expected) = (BTreeMap::new(), None);
     for line in formats.lines() {
         let columns: Vec<&str> = line.split('|').map(str::trim).collect();
@@ -201,7 +207,7 @@ fn the_checksum_is_the_one_described() {
 
 #[test]
 fn codes_of_the_table() {
-    let formats = text("formats.md");
+    let formats = formats();
     let row = |name: &str| -> [u64; 2] {
         let line = formats.lines().find(|line| line.starts_with(&format!("| {name} |"))).unwrap();
         let numbers = line.split('`').filter_map(|part| u64::from_str_radix(part, 16).ok());

@@ -1,4 +1,4 @@
-//! A box of an octree as an array of three dimensions, streamed in slabs.
+//! Export of a box of an octree as a three-dimensional array, streamed in slabs.
 
 use std::io::Write;
 
@@ -11,35 +11,36 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
-/// A box of an octree, and its level of detail.
+/// A box of an octree and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ArrayRequest {
-    /// Cells of `level`.
+    /// Box in cells of `level`.
     pub bounds: Bounds,
     /// Level of the cells.
     pub level: u8,
-    /// The number for VOID cells: an error if it lies within the values; by default that of images, see
-    /// [`void_number`](super::void_number).
+    /// The number for VOID cells; an error if it lies within the range of the values. The default
+    /// is that of images, see [`void_number`](super::void_number).
     pub nodata: Option<Number>,
-    /// Bytes to hold at a time; what one row of cells needs must fit.
+    /// Memory budget in bytes; one row of cells must fit.
     pub memory: u64,
 }
 
 impl ArrayRequest {
-    /// A box of a level's cells, written with 64 MiB of memory.
+    /// A box in cells of a level, with a memory budget of 64 MiB.
     pub fn new(bounds: Bounds, level: u8) -> ArrayRequest {
         ArrayRequest { bounds, level, nodata: None, memory: DEFAULT_MEMORY }
     }
 }
 
-/// Writes a box of an octree as NPY (an array of shape z, y, x), as NRRD, with its place, units and tags, or as its samples alone, x fastest, then y,
-/// then z. Such NPY and NRRD files are what `import::volume` reads.
+/// Writes a box of an octree as NPY (an array of shape z, y, x), as NRRD (with its frame, units and
+/// tags) or as raw samples. Raw samples are ordered x fastest, then y, then z. `import::volume`
+/// reads such NPY and NRRD files.
 ///
 /// # Errors
-/// If the tree is a quadtree or has no such level, the box is empty or sticks out of the space of the tree,
-/// one row of it needs more memory than is allowed, the format is another one, the tree is damaged, or on
-/// interruption.
+/// If the tree is a quadtree or has no such level, the box is empty or exceeds the tree's space,
+/// one row exceeds the memory budget, the format is any other, the tree is corrupt, or on
+/// cancellation.
 pub fn export_array(
     tree: &Dataset,
     request: &ArrayRequest,
@@ -66,7 +67,7 @@ pub fn export_array(
         ));
     }
     let [width, height, depth] = bounds.size();
-    // One byte more than the value: whether the cell has one.
+    // One byte per cell in addition to the value: its validity flag.
     let row = width * (header.form.value.size() as u64 + 1);
     if row > memory {
         return Err(Error::TooLarge {
@@ -104,7 +105,7 @@ pub fn export_array(
             ));
         }
     }
-    // Whole planes, or rows of one.
+    // Read whole planes at a time, or rows of one plane.
     let rows = (memory / row).clamp(1, height);
     let planes = if rows == height { (memory / (row * height)).clamp(1, 64) } else { 1 };
     for z in (bounds.min[2]..bounds.max[2]).step_by(planes as usize) {

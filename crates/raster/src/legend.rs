@@ -1,4 +1,4 @@
-//! Legends as files.
+//! Export of legends as PNG, SVG or JSON.
 
 use std::io::Write as _;
 
@@ -9,19 +9,20 @@ use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_style::Legend;
 
-/// A file that a legend is written to.
+/// File format of a legend.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LegendFormat {
-    /// A picture, enlarged 1 to 8 times: see [`Legend::draw`].
+    /// An image, enlarged 1 to 8 times: see [`Legend::draw`].
     Png(usize),
-    /// Lines and letters.
+    /// Vector graphics: lines and letters.
     Svg,
     /// Colours and labels, for programs.
     Json,
 }
 
 impl LegendFormat {
-    /// The format of files whose names end so (`png`, `svg`, `json`), pictures enlarged 1 to 8 times; `None` if it is another one.
+    /// Returns the format for a file name extension (`png`, `svg`, `json`), or `None` for any
+    /// other. `scale` enlarges PNG images 1 to 8 times.
     pub fn named(ending: &str, scale: u8) -> Option<LegendFormat> {
         match ending.to_ascii_lowercase().as_str() {
             "png" => Some(LegendFormat::Png(scale.into())),
@@ -35,7 +36,7 @@ impl LegendFormat {
 /// Writes a legend.
 ///
 /// # Errors
-/// If it cannot be written.
+/// If the output cannot be written.
 pub fn export_legend(legend: &Legend, mut output: Output, format: LegendFormat) -> Result<()> {
     let text = match format {
         LegendFormat::Svg => legend.svg(),

@@ -1,4 +1,5 @@
-//! Pictures, volumes, chain codes and lists of cells in; pictures, arrays, chain codes, archives of tiles and cloud-optimized GeoTIFF out.
+//! Import and export. Reads raster images, volumes, chain codes and cell lists; writes images,
+//! arrays, chain codes, tile archives and cloud-optimized GeoTIFF.
 
 mod array;
 pub mod cells;

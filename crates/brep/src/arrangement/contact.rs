@@ -7,6 +7,6 @@ pub(crate) struct Contact {
     pub(crate) faces: [u32; 2],
     pub(crate) segments: Vec<[ExactPoint; 2]>,
     pub(crate) points: Vec<ExactPoint>,
-    /// Whether the faces lie in one plane, and on each other.
+    /// Whether the faces are coplanar and overlap.
     pub(crate) in_plane: bool,
 }

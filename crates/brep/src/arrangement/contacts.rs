@@ -1,4 +1,4 @@
-//! Pairs of faces that have points in common, mostly more than neighbours of a surface have, and what that is.
+//! Contacts: pairs of faces with common points, mostly more than neighbours in a surface have.
 
 use std::collections::{HashMap, HashSet};
 
@@ -11,18 +11,18 @@ use crate::boxes::touch;
 use crate::{Faces, show_place};
 use spinney_base::{Error, Progress, Result, SilentProgress, parallel, sort};
 
-/// Kinds of contacts that are looked for.
+/// Kinds of contacts to find.
 #[derive(Clone, Copy, PartialEq)]
 enum Wanted {
-    /// More than neighbours have: no corners and edges of both.
+    /// More than neighbours have: no shared vertices and edges.
     Irregular,
-    /// All that they have in common.
+    /// All common points.
     All,
 }
 
 impl Surface<'_> {
-    /// All that faces of the first body have in common with those of the others; but faces that lie in one plane beside each other
-    /// have nothing (others, which hang together with them, have what these have).
+    /// Returns all that faces of the first body have in common with faces of the others. Coplanar
+    /// faces that only touch are left out: the faces that adjoin them have the same common points.
     pub(crate) fn contacts_of_first(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let first = self.operands.ends[0];
         let tree = self.boxes_of(0..first, progress)?;
@@ -46,7 +46,7 @@ impl Surface<'_> {
         Ok(all)
     }
 
-    /// Appends contacts, if they fit into the memory with the bytes so far.
+    /// Appends contacts, if they fit into the memory in addition to `bytes`.
     fn add(&self, found: Vec<Contact>, all: &mut Vec<Contact>, bytes: &mut u64, memory: u64) -> Result<()> {
         let of = |contact: &Contact| {
             let points = 2 * contact.segments.len() + contact.points.len();
@@ -63,7 +63,7 @@ impl Surface<'_> {
         }
     }
 
-    /// The error of a surface whose faces meet in too many pairs, with the face that meets most others.
+    /// Returns the error for too many contacts, with the face that has most of them.
     fn too_many(&self, contacts: &[Contact]) -> Error {
         let mut counts: HashMap<u32, u64> = HashMap::new();
         contacts
@@ -89,8 +89,8 @@ impl Surface<'_> {
         }
     }
 
-    /// All pairs of faces that have more in common than neighbours have. Of bodies these are faces of different ones, and
-    /// what else such faces touch. Progress counts faces.
+    /// Returns all pairs of faces with more in common than neighbours have. Of bodies, these are
+    /// faces of different bodies, and further faces that touch such faces. Progress counts faces.
     pub(super) fn contacts(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Contact>> {
         let mut bytes = self.bytes;
         let mut all = Vec::new();
@@ -122,10 +122,11 @@ impl Surface<'_> {
             touch(&found, &mut open);
             add(found)
         })?;
-        // Invariant: in the end, a face of any contact has contacts with all that touch it, those of its own
-        // body included: what is new in the list is looked at in turn, until nothing is new. Such faces are
-        // divided, so that each gets a vertex wherever another one puts it on a common line. Otherwise edges
-        // of two neighbours would be cut at different points, and the surface would be open there.
+        // Invariant: at the end, a face with a contact has contacts with all faces that touch it,
+        // also of its own body. Newly found faces are processed until there are no more. So each of
+        // these faces gets a vertex wherever another one puts one on a common line. Otherwise the
+        // edges of two neighbours would be cut at different points, and the surface would be open
+        // there.
         let mut seen: HashSet<[u32; 2]> = HashSet::new();
         while !open.is_empty() {
             let faces = std::mem::take(&mut open);
@@ -142,7 +143,8 @@ impl Surface<'_> {
         Ok(all)
     }
 
-    /// Hands out, some at a time, the contacts of faces with others that are wanted. Progress counts the faces.
+    /// Yields, in batches, the wanted contacts of `faces` with other faces. Progress counts the
+    /// faces.
     fn pairs(
         &self,
         faces: &[u32],
@@ -199,7 +201,7 @@ impl Surface<'_> {
         } else if plane_a.is(plane_b) {
             contact.in_plane = self.lie_on_each_other(one, other);
         } else {
-            // (By whole polygons: edges along which they were cut into triangles would divide others.)
+            // (As whole polygons: edges between a polygon's triangles would divide other faces.)
             let Common { segments, points, edges, corners } =
                 common(&self.polygon(one), &self.polygon(other));
             (contact.segments, contact.points) = (segments, points);
@@ -212,10 +214,10 @@ impl Surface<'_> {
         is_contact.then_some(contact)
     }
 
-    /// Whether two faces of one plane may have an area in common.
+    /// Whether two faces of one plane may overlap.
     fn lie_on_each_other(&self, one: u32, other: u32) -> bool {
         if self.exact(one).is_some() || self.exact(other).is_some() {
-            // (Of one body, faces in a plane do not lie on each other unless they are turned to each other.)
+            // (Coplanar faces of one body overlap only if they have opposite orientations.)
             let is_one = self.operands.are_bodies && self.operand(one) == self.operand(other);
             return !(is_one && self.plane(one).is_turned_as(self.plane(other)));
         }

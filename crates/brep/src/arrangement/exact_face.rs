@@ -1,4 +1,4 @@
-//! Faces with corners that are common points of planes, and as such exact.
+//! Faces whose vertices are intersection points of planes, and so exact.
 
 use std::collections::HashMap;
 
@@ -10,10 +10,10 @@ use crate::exact::vector::{cross, dot, others};
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Progress, Result};
 
-/// A face with corners that may lie beside the grid; rings as those of [`Face`].
+/// A face with vertices that may be off the grid; rings as in [`Face`].
 #[derive(Clone, Debug)]
 pub(crate) struct ExactFace {
-    /// Its normal points out of the body.
+    /// The normal points out of the body.
     pub(crate) plane: ExactPlane,
     pub(crate) corners: Vec<Corner>,
     pub(crate) ring_ends: Vec<usize>,
@@ -23,7 +23,7 @@ pub(crate) struct ExactFace {
 }
 
 impl ExactFace {
-    /// A face of the grid that lies in a plane.
+    /// Converts a face with vertices on the grid, which lies in `plane`.
     pub(super) fn of_grid(face: &Face<'_>, plane: &ExactPlane) -> ExactFace {
         let axis = plane.main_axis();
         let corner = |[from, to]: [[i32; 3]; 2]| Corner {
@@ -43,7 +43,7 @@ impl ExactFace {
         }
     }
 
-    /// A region of a face, or its back.
+    /// Creates a face from a region of another face, or of its reverse.
     pub(super) fn of_region(
         face: &Face<'_>,
         plane: &ExactPlane,
@@ -59,7 +59,7 @@ impl ExactFace {
             part: face.part,
             source: face.source,
         };
-        // Rings of regions turn as seen from the axis' positive end.
+        // The rings of a region are oriented as seen from the axis's positive end.
         let is_up = plane.normal[plane.main_axis()] > 0;
         for ring in &region.rings {
             if is_up {
@@ -72,14 +72,14 @@ impl ExactFace {
         found
     }
 
-    /// The face as a region of its plane.
+    /// Returns the face as a region of its plane.
     pub(crate) fn region(&self) -> PlaneRegion {
         let is_up = self.plane.normal[self.plane.main_axis()] > 0;
         let ring = |ring: &[Corner]| if is_up { ring.to_vec() } else { reversed(ring).collect() };
         PlaneRegion { rings: self.rings().map(ring).collect() }
     }
 
-    /// The face's back.
+    /// Returns the reversed face.
     pub(crate) fn turned(&self) -> ExactFace {
         let mut colours = Vec::with_capacity(self.colours.len());
         let mut start = 0;
@@ -96,27 +96,28 @@ impl ExactFace {
         }
     }
 
-    /// The rings, the outer one first.
+    /// Yields the rings, the outer one first.
     pub(crate) fn rings(&self) -> impl Iterator<Item = &[Corner]> {
         let starts = std::iter::once(0).chain(self.ring_ends.iter().copied());
         starts.zip(&self.ring_ends).map(|(start, end)| &self.corners[start..*end])
     }
 
-    /// The edges: corners with the ones that follow.
+    /// Yields the edges: each vertex with the next one.
     pub(crate) fn edges(&self) -> impl Iterator<Item = (&Corner, &ExactPoint)> {
         self.rings().flat_map(|ring| (0..ring.len()).map(|i| (&ring[i], &ring[(i + 1) % ring.len()].point)))
     }
 
-    /// What keeps it from being a face, in words: rings that cross, or turn the wrong way. Corners lie in its plane.
+    /// Returns a description of the first flaw: rings that cross, or have the wrong orientation.
+    /// The vertices must lie in the plane.
     ///
     /// # Errors
-    /// On interruption: the work may go with the square of the number of corners.
+    /// On cancellation: the work may be quadratic in the number of vertices.
     pub(crate) fn flaw(&self, progress: &dyn Progress) -> Result<Option<&'static str>> {
         let axis = self.plane.main_axis();
         let is_up = self.plane.normal[axis] > 0;
         let [u, v] = others(axis);
         for (number, ring) in self.rings().enumerate() {
-            // The least corner of a ring that does not cross itself is convex.
+            // The minimum vertex of a ring that does not cross itself is convex.
             let order = |a: &&ExactPoint, b: &&ExactPoint| a.compare(b, u).then_with(|| a.compare(b, v));
             let points: Vec<&ExactPoint> = ring.iter().map(|corner| &corner.point).collect();
             let count = points.len();
@@ -159,17 +160,18 @@ impl ExactFace {
         Ok(None)
     }
 
-    /// The corners on the grid, if all are.
+    /// Returns the vertices if all of them are on the grid.
     pub(super) fn on_grid(&self) -> Option<Vec<[i32; 3]>> {
         self.corners.iter().map(|corner| corner.point.on_grid()).collect()
     }
 
-    /// The points of the grid that are nearest to the corners.
+    /// Returns the grid points nearest to the vertices.
     pub(crate) fn rounded(&self) -> Vec<[i32; 3]> {
         self.corners.iter().map(|corner| corner.point.rounded()).collect()
     }
 
-    /// Six times the volume between the face and the grid's origin, nearly, in cubes of steps.
+    /// Returns six times the volume between the face and the grid's origin, approximately, in cubic
+    /// grid units.
     pub(crate) fn six_volumes(&self) -> f64 {
         let of_ring = |ring: &[Corner]| -> f64 {
             let Some((first, rest)) = ring.split_first() else { return 0.0 };
@@ -179,7 +181,7 @@ impl ExactFace {
         self.rings().map(of_ring).sum()
     }
 
-    /// Bytes of memory that it takes.
+    /// Returns the memory use in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         (size_of::<ExactFace>()
             + size_of_val(&self.corners[..])
@@ -188,21 +190,21 @@ impl ExactFace {
     }
 }
 
-/// Faces, of which some have corners beside the grid: these stand in the list with rounded corners.
+/// Faces, some of which have vertices off the grid. The list has the rounded vertices of those.
 #[derive(Clone, Debug)]
 pub(crate) struct ExactFaces {
-    /// The faces, with corners on the grid.
+    /// The faces, with vertices on the grid.
     pub(crate) list: FaceList,
     pub(crate) exact: HashMap<u32, ExactFace>,
 }
 
 impl ExactFaces {
-    /// Faces of the grid.
+    /// Wraps faces with vertices on the grid.
     pub(crate) fn of_grid(list: FaceList) -> ExactFaces {
         ExactFaces { list, exact: HashMap::new() }
     }
 
-    /// Appends a face with any corners.
+    /// Appends a face with any vertices.
     pub(crate) fn push(&mut self, face: ExactFace) {
         let on_grid = face.on_grid();
         let points = on_grid.clone().unwrap_or_else(|| face.rounded());
@@ -220,22 +222,22 @@ impl ExactFaces {
         }
     }
 
-    /// The box around a face.
+    /// Returns the box around a face.
     pub(crate) fn bounds(&self, face: u32) -> Bounds {
-        // Invariant: the box has all of the face. Corners beside the grid stand in the list as the nearest
-        // points of it, which are half a step away at most. Pairs whose boxes are apart are never looked at:
-        // what stuck out would pass through others unseen.
+        // Invariant: the box contains the face. Off-grid vertices are at most half a grid unit per
+        // axis from the rounded ones in the list. Pairs with disjoint boxes are not tested, so an
+        // intersection outside of the box would be missed.
         let more = i32::from(self.exact.contains_key(&face));
         bounds_of(self.list.get(face as usize).points, more)
     }
 
-    /// Bytes of memory that they take.
+    /// Returns the memory use in bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.list.bytes() + self.exact.values().map(ExactFace::bytes).sum::<u64>()
     }
 }
 
-/// A ring the other way round: edges keep their lines.
+/// Yields a ring in reverse order. Edges keep their planes.
 fn reversed(ring: &[Corner]) -> impl Iterator<Item = Corner> {
     let count = ring.len();
     (0..count).map(move |i| Corner {

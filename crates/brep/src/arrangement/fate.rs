@@ -1,4 +1,4 @@
-//! Which faces bound what is inside: by the winding numbers on both of their sides.
+//! Decision which faces bound the inside, by the winding numbers on both sides.
 
 use super::sample::SamplePoint;
 use super::surface::Surface;
@@ -7,26 +7,26 @@ use crate::exact::bounds::MARGIN;
 use crate::exact::vector::others;
 use spinney_base::{Result, sort};
 
-/// Fate of a face, or of a region of one, where what bounds nothing is taken away.
+/// Fate of a face, or of a region of one.
 #[derive(Clone, Copy)]
 pub(super) enum Fate {
-    /// It bounds what is inside, turned to its other side or not.
+    /// It bounds the inside; reversed or not.
     Stays { is_turned: bool },
-    /// It goes: another one that lies on it stays.
+    /// It is removed: a coincident face stays.
     Covered,
-    /// It goes: what is on both of its sides is inside.
+    /// It is removed: both sides are inside.
     Inside,
-    /// It goes: nothing on either of its sides is inside.
+    /// It is removed: both sides are outside.
     Outside,
 }
 
 impl Surface<'_> {
-    /// The fate of a face, by a point of it: see [`Surface::fate`].
+    /// Returns the fate of a face, from a sample point: see [`Surface::fate`].
     pub(super) fn face_fate(&self, face: u32, alone: bool) -> Result<Fate> {
         self.fate(&self.sample_of(face), face, alone)
     }
 
-    /// A point of a face.
+    /// Returns a sample point of a face.
     pub(super) fn sample_of(&self, face: u32) -> SamplePoint<'_> {
         let plane = self.plane(face);
         if let Some(exact) = self.exact(face) {
@@ -37,15 +37,17 @@ impl Surface<'_> {
         SamplePoint::of_triangle(plane, &corners.unwrap_or([first; 3]))
     }
 
-    /// Change in the winding number of who passes a face downwards that is turned up: 1, or -1 where its part is turned.
+    /// Change of the winding number at a face that is oriented upwards, from above to below: 1, or
+    /// -1 if its component is reversed.
     fn weight(&self, face: u32) -> i32 {
         if self.turned.get(face as usize).is_some_and(|turned| *turned) { -1 } else { 1 }
     }
 
-    /// The fate of a region of a face, by a point of it. Of faces that lie on each other, one stays for all; but of a body's
-    /// faces that touch no other's (`alone`) each does.
+    /// Returns the fate of a region of a face, from a sample point in it. Of coincident faces, one
+    /// stays for all. With `alone`, the face is known to touch no other body, and no coincident
+    /// face is searched for.
     pub(super) fn fate(&self, sample: &SamplePoint<'_>, face: u32, alone: bool) -> Result<Fate> {
-        // Faces in the same place, and whether they are turned up.
+        // Faces that contain the sample, and whether each is oriented upwards.
         let mut same: Vec<(u32, bool)> = Vec::new();
         let is_up = |face: u32| self.plane(face).normal[sample.axis] > 0;
         if alone {
@@ -57,10 +59,10 @@ impl Surface<'_> {
                     same.push((other, is_up(other)));
                 }
             });
-            // Invariant: of faces that lie on each other, all have the same list here, and so come to the
-            // same one that stays. Each is divided by the edges of the others, so that wherever in a region a
-            // sample is, the same faces are there; and the list is in order. Otherwise two of them would stay
-            // in one place, or none, and there would be a hole.
+            // Invariant: coincident faces get the same list here, and so agree on the face that
+            // stays. Each is divided by the edges of the others, so the list is the same for any
+            // sample in a region; and it is sorted. Otherwise two coincident faces could stay, or
+            // none, which would be a hole.
             sort::by_key(&mut same, |(face, is_up)| u64::from(*face) << 1 | u64::from(*is_up));
         }
         let [above, below] = self.windings(sample, &same)?;
@@ -74,7 +76,8 @@ impl Surface<'_> {
         Ok(own.map_or(Fate::Covered, |(_, up)| Fate::Stays { is_turned: *up != is_up }))
     }
 
-    /// The winding numbers above and below a sample, on which these faces lie.
+    /// Returns the winding numbers of all operands above and below a sample. `same` are the faces
+    /// that contain it.
     fn windings(&self, sample: &SamplePoint<'_>, same: &[(u32, bool)]) -> Result<[Vec<i32>; 2]> {
         let count = self.operands.far.len();
         let mut changes: Vec<Option<i32>> = vec![None; count];
@@ -82,14 +85,15 @@ impl Surface<'_> {
             let weight = self.weight(*face);
             *changes[self.operand(*face)].get_or_insert(0) += if *up { weight } else { -weight };
         }
-        // By a line upwards, where nothing else is known.
+        // By a ray upwards, where nothing else is known.
         let (mut above, mut is_asked) = (self.operands.far.to_vec(), vec![true; count]);
         for operand in (0..count).filter(|_| self.operands.are_bodies) {
             let known = match changes[operand] {
-                // Invariant: winding numbers of bodies are 0 or 1 (whoever builds a model refuses others), so
-                // that what changes at a place tells both sides without a look at any other face. Of a
-                // surface that goes around something twice, this would be a guess. Outside is in front; two
-                // walls of one body that lie on each other have the inside on both sides.
+                // Invariant: winding numbers of bodies are 0 or 1 (other surfaces are refused when
+                // a model is built). So a change at the sample determines the numbers on both sides
+                // without any other face: the outside is in front. If two coincident walls of one
+                // body cancel, both sides are inside. For a surface that winds twice around a
+                // point, this would be a guess.
                 Some(change) => Some(i32::from(change <= 0)),
                 None => (self.operands.winding)(operand, sample).transpose()?,
             };
@@ -107,7 +111,8 @@ impl Surface<'_> {
         Ok([above, below])
     }
 
-    /// Adds what faces above a sample, but for these, change in the winding numbers of some operands.
+    /// Adds the changes of some operands' winding numbers at the faces above a sample, without
+    /// those in `same`.
     fn add_above(
         &self,
         sample: &SamplePoint<'_>,
@@ -123,7 +128,7 @@ impl Surface<'_> {
         });
     }
 
-    /// Hands out the faces above a sample, with what each is: 1 where it is turned up, -1 where it is turned down.
+    /// Yields the faces above a sample, with their orientation: 1 upwards, -1 downwards.
     pub(super) fn each_above(&self, sample: &SamplePoint<'_>, each: &mut dyn FnMut(u32, i32)) {
         let (axis, near) = (sample.axis, sample.near);
         let [u, v] = others(axis);

@@ -1,4 +1,4 @@
-//! Common points of two triangles, exactly.
+//! Exact common points of two triangles.
 
 use std::cmp::Ordering;
 
@@ -9,11 +9,11 @@ use crate::piece::Piece;
 /// Common points of two triangles.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Meeting {
-    /// Nothing; or parts of edges of both in one plane, with the triangles beside each other.
+    /// None; or, in one plane, only sections of both boundaries.
     Apart,
-    /// A corner of both, as neighbours of a surface have.
+    /// A shared vertex, as between neighbours in a surface.
     Corner(ExactPoint),
-    /// An edge of both faces, as neighbours of a surface have.
+    /// A shared edge of both faces, as between neighbours in a surface.
     Edge([ExactPoint; 2]),
     Point(ExactPoint),
     PlaneSegment([ExactPoint; 2]),
@@ -21,7 +21,7 @@ pub(super) enum Meeting {
     InPlane,
 }
 
-/// Finds what two triangles have in common that have an area and lie in these planes.
+/// Returns the common points of two triangles with an area, which lie in these planes.
 pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPlane) -> Meeting {
     let heights_b = b.corners.map(|corner| plane_a.height(corner));
     if apart(&heights_b) {
@@ -33,7 +33,7 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
         return if is_beside(a, b, plane_a.main_axis(), shared) { Meeting::Apart } else { Meeting::InPlane };
     }
     if let [Some(one), Some(other), _] = shared {
-        // Different planes meet in the line of the edge, and nowhere else.
+        // Different planes have only the edge's line in common.
         let ends = [one, other].map(|(i, _)| ExactPoint::of_grid(a.corners[i]));
         let is_edge = is_boundary(a, one.0, other.0) && is_boundary(b, one.1, other.1);
         return if is_edge { Meeting::Edge(ends) } else { Meeting::PlaneSegment(ends) };
@@ -42,11 +42,11 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     if apart(&heights_a) {
         return Meeting::Apart;
     }
-    // Both meet the planes' common line in an interval.
+    // Each triangle meets the common line of both planes in an interval.
     let along = cross(plane_a.normal, plane_b.normal);
     let axis = main_axis(along);
-    // Invariant: both triangles have points on their common line. Neither has all corners on one side of the
-    // other's plane, nor in it (that would be one plane). `interval` has no answer for others.
+    // Invariant: both triangles have points on the common line. Neither has all vertices on one
+    // side of the other's plane, or in it (the planes would be equal). `interval` requires that.
     let ([low_a, high_a], [low_b, high_b]) =
         (interval(&a.corners, &heights_a, axis), interval(&b.corners, &heights_b, axis));
     let low = if low_a.compare(&low_b, axis) == Ordering::Less { low_b } else { low_a };
@@ -54,7 +54,7 @@ pub(super) fn meet(a: &Piece, plane_a: &ExactPlane, b: &Piece, plane_b: &ExactPl
     match low.compare(&high, axis) {
         Ordering::Greater => Meeting::Apart,
         Ordering::Less => Meeting::PlaneSegment([low, high]),
-        // (With a common corner that is it.)
+        // (If the triangles share a vertex, that is the point.)
         Ordering::Equal if shared[0].is_some() => Meeting::Corner(low),
         Ordering::Equal => Meeting::Point(low),
     }
@@ -64,13 +64,13 @@ fn apart(heights: &[i128; 3]) -> bool {
     heights.iter().all(|height| *height > 0) || heights.iter().all(|height| *height < 0)
 }
 
-/// Whether the edge between two corners is one of the face.
+/// Whether the edge between two vertices is an edge of the face.
 fn is_boundary(piece: &Piece, one: usize, other: usize) -> bool {
     !piece.internal[if (one + 1) % 3 == other { one } else { other }]
 }
 
-/// The ends, along an axis, of what a triangle has in common with a plane that it does not lie in, of which its corners
-/// have these heights, not all on one side.
+/// Returns the ends, along an axis, of a triangle's intersection with a plane. `heights` are the
+/// vertices' heights over the plane: not all on one side, and not all 0.
 fn interval(corners: &[[i32; 3]; 3], heights: &[i128; 3], axis: usize) -> [ExactPoint; 2] {
     let mut ends: Option<[ExactPoint; 2]> = None;
     for i in 0..3 {
@@ -92,7 +92,8 @@ fn interval(corners: &[[i32; 3]; 3], heights: &[i128; 3], axis: usize) -> [Exact
     ends.unwrap_or_else(|| unreachable!("triangles with corners on both sides of a plane meet it"))
 }
 
-/// Whether two triangles of one plane, seen along an axis, have no more in common than neighbours have.
+/// Whether two triangles of one plane, seen along an axis, have no more in common than neighbours
+/// have.
 fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>; 3]) -> bool {
     let [u, v] = others(axis);
     let flat = |corner: [i32; 3]| [i64::from(corner[u]), i64::from(corner[v])];
@@ -101,7 +102,7 @@ fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>;
         let to = [r[0] - p[0], r[1] - p[1]].map(i128::from);
         (along[0] * to[1] - along[1] * to[0]).signum() as i32
     };
-    // Counterclockwise both; corners keep their numbers.
+    // Both counterclockwise; vertices keep their numbers.
     let order = |corners: &[[i32; 3]; 3]| {
         let [p, q, r] = corners.map(flat);
         if turn(p, q, r) > 0 { [0, 1, 2] } else { [0, 2, 1] }
@@ -119,7 +120,8 @@ fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>;
             let way = order(&one.corners);
             let (own, its) = if *is_turned { (common.1, common.0) } else { common };
             let corner = flat(one.corners[own]);
-            // (Inside of an edge that does not end in the common corner is that corner.)
+            // (Only an edge that ends in the shared vertex can separate the triangles: the third
+            // edge has that vertex on its inner side.)
             let mut edges =
                 (0..3).map(|i| (way[i], way[(i + 1) % 3])).filter(|(from, to)| [*from, *to].contains(&own));
             edges.any(|(from, to)| {
@@ -127,7 +129,7 @@ fn is_beside(a: &Piece, b: &Piece, axis: usize, shared: [Option<(usize, usize)>;
                 (0..3).filter(|k| *k != its).all(|k| {
                     let point = flat(other.corners[k]);
                     match turn(p, q, point) {
-                        // On the line of an edge that ends in the common corner, but on the other side of it.
+                        // On the line of such an edge, but on the other side of the shared vertex.
                         0 => {
                             let far = if from == own { q } else { p };
                             let along = |at: [i64; 2]| [at[0] - corner[0], at[1] - corner[1]].map(i128::from);
@@ -159,7 +161,8 @@ mod tests {
         let plane = |corners: &[[i32; 3]; 3]| ExactPlane::through(corners[0], ring_normal(corners));
         let piece = |corners| Piece { corners, internal: [false; 3] };
         let found = meet(&piece(a), &plane(&a), &piece(b), &plane(&b));
-        // The order does not matter, nor where a triangle begins, nor to which side it is turned.
+        // The result does not depend on the order of the triangles, on the first vertex, or on the
+        // orientation.
         let [p, q, r] = b;
         let again = meet(&piece([q, p, r]), &plane(&[q, p, r]), &piece(a), &plane(&a));
         match (&found, &again) {
@@ -209,7 +212,7 @@ mod tests {
         };
         segment([[1, 1, -2], [5, 1, -2], [3, 1, 4]], [[2, 1, 0], [4, 1, 0]]);
         segment([[4, -2, -2], [4, 2, -2], [4, 0, 9]], [[4, 0, 0], [4, 2, 0]]);
-        // From a common corner, along a part of an edge, and in the plane's edge from outside.
+        // From a shared vertex; along a section of an edge; in the plane's edge from outside.
         segment([[0, 0, 0], [6, 6, 6], [6, 6, -6]], [[0, 0, 0], [4, 4, 0]]);
         segment([[2, 0, 0], [12, 0, 0], [2, 0, 5]], [[2, 0, 0], [8, 0, 0]]);
         let point = |b, at: [i32; 3]| match of(A, b) {
@@ -255,12 +258,14 @@ mod tests {
         [0, 1, 2].map(|i| a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
     }
 
-    /// The line of two planes `a x + b y + c z + d = 0` by table 2 and formula (6) of "Construction of the spatial intersection line of polygon
-    /// meshes" (2012): a point, times the direction's coordinate that is not zero, and the direction.
+    /// The line of two planes `a x + b y + c z + d = 0` by table 2 and formula (6) of "Construction
+    /// of the spatial intersection line of polygon meshes" (2012): a point times a nonzero
+    /// coordinate of the direction, that coordinate, and the direction.
     fn line_of([one, other]: [([i128; 3], i128); 2]) -> Option<([i128; 3], i128, [i128; 3])> {
         let ((n1, d1), (n2, d2)) = (one, other);
         let along = product(n1, n2);
-        // That coordinate is set to zero. (The first row of the print tells to solve for y0 and z0 where z0 is zero.)
+        // The point's coordinate on that axis is set to 0. (The first row of the printed table
+        // solves for y0 and z0 where z0 is zero.)
         let zero = (0..3).find(|axis| along[*axis] != 0)?;
         let [u, v] = [(zero + 1) % 3, (zero + 2) % 3];
         let mut base = [0; 3];
@@ -269,8 +274,9 @@ mod tests {
         Some((base, along[zero], along))
     }
 
-    /// Conditions U1 and U2 of the article, in fractions and with the vertices on the line that its criterion misses: where a line of two planes
-    /// meets both polygons, and where these parts have something in common.
+    /// Conditions U1 and U2 of the article, in fractions, and with the vertices on the line that
+    /// its criterion misses. U1: the line of two planes meets both polygons. U2: these intervals
+    /// overlap.
     #[test]
     fn conditions_of_the_literature() {
         let mut state = 9u64;
@@ -290,7 +296,8 @@ mod tests {
             for (normal, offset) in planes {
                 assert_eq!(dot(normal, base) + offset * times, 0);
             }
-            // Of each polygon where its edges pass through the line, in the frame of the line, the normal and what is upright on both.
+            // Where each polygon's edges cross the line, in the frame of the line's direction, the
+            // normal and their cross product.
             let part = |corners: [[i32; 3]; 3], normal: [i128; 3]| {
                 let across = product(normal, along);
                 let place = |corner: [i32; 3]| {
@@ -357,7 +364,8 @@ mod tests {
         // y + z = 5 and y - z = 1.
         let planes = [([0, 1, 1], -5), ([0, 1, -1], -1)];
         assert_eq!(line_of(planes), Some(([0, -6, -4], -2, [-2, 0, 0])));
-        // The same for all rows: with the direction along each axis, in each plane and anywhere.
+        // The same for all rows: a direction along each axis, in each coordinate plane, and in
+        // general position.
         let rows =
             [[[1, 0, 0], [0, 1, 1]], [[0, 1, 0], [1, 0, 1]], [[0, 0, 1], [1, 1, 0]], [[1, 2, 3], [3, -1, 2]]];
         for [n1, n2] in rows {

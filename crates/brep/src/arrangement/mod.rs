@@ -1,11 +1,12 @@
-//! Arrangement of a surface's faces: where they pass through each other or lie on each other they are divided, and what
-//! bounds the body is kept. Exact, up to the rounding of new vertices to the grid.
+//! Arrangement of a surface's faces: faces that intersect or coincide are divided, and what bounds
+//! the body is kept. Exact, up to the rounding of new vertices to the grid.
 //!
-//! Pairs of faces whose boxes touch are looked for in a tree; what their triangles have in common ([`meeting`]) divides
-//! each of the two into regions ([`overlay`]); for a point of each region ([`sample`]) the winding numbers on both sides
-//! are counted along a line, and the region stays if one side is inside and the other is not. Faces that meet nothing
-//! stay or go together with those beside them. (The scheme is that of Zhou, Grinspun, Zorin and Jacobson, "Mesh
-//! Arrangements for Solid Geometry", 2016, but for the winding numbers, which need no order around edges here.)
+//! A box tree finds pairs of faces whose boxes touch. The points that two faces have in common
+//! ([`meeting`]) divide each of them into regions ([`overlay`]). For a sample point of each region
+//! ([`sample`]), the winding numbers on both sides are counted along a ray. The region stays if
+//! exactly one side is inside. Faces without contacts stay or go with their neighbours. (The method
+//! follows Zhou, Grinspun, Zorin and Jacobson, "Mesh Arrangements for Solid Geometry", 2016, except
+//! for the winding numbers: rays need no order of faces around edges.)
 
 mod contact;
 mod contacts;

@@ -1,4 +1,4 @@
-//! Orientation of the parts of a surface: which of them are inside out, and are turned.
+//! Orientation of a surface's components: finds those that are inside out, and reverses them.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 
@@ -9,22 +9,23 @@ use crate::closure::{Closure, Seed};
 use crate::exact::union_find::UnionFind;
 use spinney_base::{Progress, Result, parallel};
 
-/// Counts of what was turned of a surface.
+/// Report of the components that were reversed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Turned {
-    /// Parts that were inside out, and were turned with what is inside of them.
+    /// Outermost components that were inside out, and were reversed with all components inside.
     pub(crate) roots: u64,
-    /// Faces of these, and of what is inside of them.
+    /// Faces of these components and of those inside.
     pub(crate) faces: u64,
-    /// The volume of the surface then, in cubes of steps: what it goes around twice counts twice.
+    /// Volume of the surface after that, in cubic grid units. What the surface winds around twice
+    /// counts twice.
     pub(crate) volume: f64,
 }
 
-/// Parts of a surface, each of which hangs together in edges, and is closed for itself where the surface is.
+/// Components of a surface, connected by edges. Each is closed if the surface is.
 struct Parts {
-    /// Of each face: the number of its part, which is that of one of its faces.
+    /// Component of each face: the number of one of its faces.
     of_face: Vec<u32>,
-    /// Of each part: six times its volume, the box around it, and its first face that has an area.
+    /// Per component: six times its volume, its box, and its first face with an area.
     list: BTreeMap<u32, Part>,
 }
 
@@ -35,15 +36,15 @@ struct Part {
 }
 
 impl Surface<'_> {
-    /// Turns those parts of a surface that nothing else is around and that are inside out, with all parts that they are around: cavities
-    /// stay cavities, also those that touch what they are in: a pit whose lid lies in a face of the body, or a cavity that a vertex of has
-    /// in common with it.
+    /// Reverses the outermost components that are inside out, with all components inside of them.
+    /// So cavities stay cavities. That includes cavities that touch the component around them: a
+    /// pit whose lid lies in a face of the body, or a cavity that shares a vertex with the body.
     pub(super) fn turn_roots(&mut self, contacts: &[Contact], progress: &dyn Progress) -> Result<Turned> {
         let Parts { of_face, list } = self.parts(progress)?;
         let total = |sign: &dyn Fn(u32) -> i128| -> i128 {
             list.iter().map(|(number, part)| sign(*number) * part.volume).sum()
         };
-        // (Six times: in whole numbers, so that no sum is rounded.)
+        // (Six times the volume is an integer, so sums are exact.)
         let steps = |volume: i128| volume as f64 / 6.0;
         if list.values().all(|part| part.volume >= 0) {
             return Ok(Turned { volume: steps(total(&|_| 1)), ..Turned::default() });
@@ -51,7 +52,7 @@ impl Surface<'_> {
         let pairs = contacts.iter().map(|contact| contact.faces.map(|face| of_face[face as usize]));
         let touching: HashSet<[u32; 2]> = pairs.flat_map(|[a, b]| [[a, b], [b, a]]).collect();
         let numbered: Vec<(u32, &Part)> = list.iter().map(|(number, part)| (*number, part)).collect();
-        // Faces of the parts that touch others.
+        // Faces of the components that touch others.
         let mut touched: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
         for [part, other] in touching.iter().filter(|[part, other]| part != other) {
             touched.entry(*part).or_default().insert(*other);
@@ -68,7 +69,8 @@ impl Surface<'_> {
                 return Vec::new();
             }
             let [own_low, own_high] = &part.bounds;
-            // (A part is in none that is smaller, so that of two with one box one at most is around the other.)
+            // (A component is inside of larger ones only. So of two with equal boxes, at most one
+            // is around the other.)
             let may_hold = |other: &u32| {
                 let [low, high] = &list[other].bounds;
                 (0..3).all(|axis| low[axis] <= own_low[axis] && own_high[axis] <= high[axis])
@@ -80,7 +82,7 @@ impl Surface<'_> {
             let touched = self.around_touching(faces, &of_face, &may_be);
             let holds = |other: u32| {
                 let [low, high] = &list[&other].bounds;
-                // (Without contacts two parts have vertices and edges in common at most.)
+                // (Two components without contacts share at most vertices and edges.)
                 other != *number
                     && !touching.contains(&[*number, other])
                     && (may_hold(&other)
@@ -95,15 +97,15 @@ impl Surface<'_> {
         for ((number, _), around) in numbered.iter().zip(around) {
             around_of.insert(*number, around);
         }
-        // Invariant: a part is turned if its root is, and for no other reason, so that what is around what
-        // stays the same. What is around a part has all of its box and is larger, so that no part is around one that
-        // is around it, and each has a root: of several, which intersect, the least.
+        // Invariant: a component is reversed if and only if its root is, so the nesting does not
+        // change. A component around another one contains its box and is larger. So the nesting has
+        // no cycles, and each component has a root; of several, which intersect, the smallest.
         let is_root = |number: u32| around_of[&number].is_empty();
         let least = |others: &mut dyn Iterator<Item = u32>| {
             others.min_by_key(|other| (extent(&list[other].bounds), *other))
         };
         let root = |number: u32| {
-            /// Parts in each other, of which not all are found to be around the innermost.
+            /// Limit for nested components, of which not all are found to be around the innermost.
             const MAX_HOPS: usize = 64;
             let mut at = number;
             for _ in 0..MAX_HOPS {
@@ -132,8 +134,8 @@ impl Surface<'_> {
         let manifold = edges.chunk_by(|a, b| a.0 == b.0).filter(|faces| faces.len() == 2);
         manifold.for_each(|faces| _ = sets.join(faces[0].1, faces[1].1));
         progress.check()?;
-        // Bodies that touch have edges in common, and are parts of their own, each closed; what is not closed goes
-        // on at such edges.
+        // Bodies that touch share edges, but are closed components of their own. Components that
+        // are not closed are joined at such edges.
         let seed = Seed::new();
         let mut closures: BTreeMap<u32, Closure> = BTreeMap::new();
         for (face, part) in (0..).zip(sets.roots()) {
@@ -168,7 +170,7 @@ impl Surface<'_> {
         Ok(Parts { of_face, list })
     }
 
-    /// Those of some parts that are around a part, by a point of it.
+    /// Returns those candidates that are around a component, from one sample point.
     fn around(&self, part: &Part, of_face: &[u32], may_be: &dyn Fn(u32) -> bool) -> Vec<u32> {
         let Some(first) = part.first else { return Vec::new() };
         let mut windings: BTreeMap<u32, i32> = BTreeMap::new();
@@ -180,17 +182,19 @@ impl Surface<'_> {
     }
 }
 
-/// Faces of a part that are sampled: where a part is in another one that it touches, all that are not on it are.
+/// Maximum count of sampled faces of a component. If a component is inside of one that it touches,
+/// all samples that are not on the other one are inside of it.
 const SAMPLES: usize = 256;
 
 impl Surface<'_> {
-    /// Those of some parts that are around a part which touches them, by points of its faces: all of them that lie on no face of
-    /// the other part are inside of that. What intersects a part is not.
+    /// Returns those candidates that are around a component that touches them, from samples of its
+    /// faces. All samples that are not on the other component must be inside of it. A component
+    /// that intersects the other one fails this test.
     fn around_touching(&self, faces: &[u32], of_face: &[u32], may_be: &[u32]) -> Vec<u32> {
         if may_be.is_empty() {
             return Vec::new();
         }
-        // Of each part: whether a sample is outside, and whether one is inside.
+        // Per candidate: whether a sample is outside of it, and whether one is inside.
         let mut sides = vec![[false; 2]; may_be.len()];
         let index = |face: u32| may_be.binary_search(&of_face[face as usize]).ok();
         let count = faces.len().min(SAMPLES);
@@ -221,12 +225,12 @@ impl Surface<'_> {
     }
 }
 
-/// Looks at whether to go on, at few of the faces.
+/// Checks for cancellation at every [`OFTEN`]th face.
 fn look(face: u32, progress: &dyn Progress) -> Result<()> {
     if face.is_multiple_of(OFTEN) { progress.check() } else { Ok(()) }
 }
 
-/// The volume of a box.
+/// Returns the volume of a box.
 fn extent([low, high]: &Bounds) -> u128 {
     (0..3).map(|axis| u128::from(high[axis].abs_diff(low[axis]))).product()
 }

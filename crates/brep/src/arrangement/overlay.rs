@@ -1,7 +1,8 @@
 //! The regions into which segments divide a face's plane: a planar subdivision over exact points.
 //!
-//! Segments are cut where they meet; edges that have the same region on both sides are left out; what remains are loops,
-//! traced with the region to the left, and holes are given to the loops around them.
+//! Segments are cut where they meet. Edges with the same region on both sides are removed. The
+//! remaining edges form loops, which are traced with the region to the left. Holes are assigned to
+//! the loops around them.
 
 use std::cmp::Ordering;
 use std::collections::{HashMap, HashSet};
@@ -16,29 +17,30 @@ use spinney_base::sort;
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PlaneSegment {
     pub(crate) ends: [ExactPoint; 2],
-    /// A plane that the segment lies in, other than the face's.
+    /// A second plane that contains the segment.
     pub(crate) line: ExactPlane,
 }
 
-/// A corner of a ring.
+/// A vertex of a ring.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Corner {
     pub(crate) point: ExactPoint,
-    /// A plane that the edge to the next corner lies in, other than the face's.
+    /// A second plane that contains the edge to the next vertex.
     pub(crate) line: ExactPlane,
 }
 
-/// A region: its rings, the outer one first, counterclockwise seen from the main axis' positive end, and holes the other
-/// way round. The region lies to the left of all.
+/// A region. Seen from the positive end of the main axis, the outer ring is counterclockwise, and
+/// holes are clockwise. The region lies to the left of all rings.
 #[derive(Clone, Debug)]
 pub(crate) struct PlaneRegion {
-    /// Corners of each ring, the outer ring first.
+    /// Vertices of each ring, the outer ring first.
     pub(crate) rings: Vec<Vec<Corner>>,
 }
 
-/// Divides a plane by segments, and segments where points lie on them; returns those of the bounded regions that `choose`
-/// takes, with what it says of them. Regions beside each other of which it says the same become one. `None` if
-/// `gives_up` says so, which is asked with the number of vertices time and again: it may go with the square of that of the segments.
+/// Divides a plane by segments, and segments at points on them. Returns the bounded regions for
+/// which `choose` returns a value, with that value. Adjacent regions with equal values are merged.
+/// Returns `None` if `gives_up` returns true. It is called repeatedly with the vertex count, since
+/// the work may be quadratic in the number of segments.
 pub(crate) fn regions<T: PartialEq + Copy>(
     plane: &ExactPlane,
     segments: &[PlaneSegment],
@@ -56,9 +58,9 @@ pub(crate) fn regions<T: PartialEq + Copy>(
     }
     overlay.edges();
     let loops = Loops::of(&overlay);
-    // Invariant: of the edges that are left, each has different loops on its two sides: what ends in the
-    // midst of a region, or joins two rings, is gone. So no ring passes an edge twice, each has an area, and
-    // its least corner is strictly convex, which is what samples of regions are made of.
+    // Invariant: each remaining edge has different loops on its two sides: edges that end inside a
+    // region, or connect two rings, are gone. So no ring passes an edge twice, each ring has an
+    // area, and its minimum vertex is strictly convex, as samples of regions require.
     overlay.leave_out(|half| loops.of_half[half]);
     let loops = Loops::of(&overlay);
     let outer = overlay.outer_loops(&loops);
@@ -80,24 +82,26 @@ pub(crate) fn regions<T: PartialEq + Copy>(
     Some(found.collect())
 }
 
-/// Points, none twice.
+/// Distinct points.
 #[derive(Default)]
 pub(crate) struct Vertices {
     list: Vec<ExactPoint>,
-    /// Numbers of the points in each cell of a lattice that is much coarser than the error of approximations.
+    /// Numbers of the points in each cell of a lattice. Its cells are much larger than the error of
+    /// approximations.
     cells: HashMap<[i64; 3], Vec<u32>>,
 }
 
-/// A point as a key: coordinates of the grid, and a number above 0 for one beside it.
+/// A point as a key: grid coordinates and 0, or rounded coordinates and a number above 0 if it is
+/// off the grid.
 pub(crate) type VertexKey = ([i32; 3], u32);
 
 impl Vertices {
-    /// The points in the order of their numbers.
+    /// Returns the points in the order of their numbers.
     pub(crate) fn list(&self) -> &[ExactPoint] {
         &self.list
     }
 
-    /// The key of a point, the same for all that are the same.
+    /// Returns the key of a point. Equal points have equal keys.
     pub(crate) fn key(&mut self, point: &ExactPoint) -> VertexKey {
         match point.on_grid() {
             Some(at) => (at, 0),
@@ -105,17 +109,17 @@ impl Vertices {
         }
     }
 
-    /// The number of a point.
+    /// Returns the number of a point.
     pub(crate) fn number(&mut self, point: ExactPoint) -> u32 {
-        /// Cells per unit of the grid.
+        /// Cells per grid unit.
         const FINE: f64 = 1024.0;
         const { assert!(MARGIN * FINE < 0.5, "two cells along an axis are enough") };
         let cell = |shift: f64| point.near.map(|at| (at * FINE + shift).floor() as i64);
-        // Near a wall a point's other approximation may be on the other side.
-        // Invariant: a point has one number, however it was made. Two approximations of it differ by less
-        // than the margin, so that the cell in which one was entered is among those in which the
-        // other one is looked for; exact coordinates decide. With two numbers for a point, lines that meet
-        // there would not be cut at the same vertex, and rings would not close.
+        // Near a cell wall, another approximation of the same point may be in the next cell.
+        // Invariant: a point has one number, however it was computed. Two of its approximations
+        // differ by less than the margin. So the cell in which it was entered is among the cells
+        // searched here; exact coordinates decide. If a point had two numbers, lines that meet
+        // there would be cut at different vertices, and rings would not close.
         let (low, high) = (cell(-MARGIN * FINE), cell(MARGIN * FINE));
         let mut places = [low; 8];
         for (corner, place) in places.iter_mut().enumerate() {
@@ -142,14 +146,14 @@ impl Vertices {
 /// A segment with the vertices on it.
 struct Line {
     plane: ExactPlane,
-    /// The side of the plane that is to the left of who goes to greater coordinates: 1 or -1.
+    /// Side of the plane, 1 or -1, that is to the left in the direction of increasing coordinates.
     left: i32,
-    /// Ends first.
+    /// The two ends first.
     vertices: Vec<u32>,
     bounds: [[f64; 2]; 2],
 }
 
-/// An edge of the subdivision, from the vertex of lesser coordinates to that of greater ones.
+/// An edge of the subdivision, from the vertex with smaller coordinates to the other.
 #[derive(Clone, Copy)]
 struct Edge {
     ends: [u32; 2],
@@ -161,9 +165,9 @@ struct Overlay<'a> {
     axis: usize,
     vertices: Vertices,
     lines: Vec<Line>,
-    /// Ends of the lines, in order.
+    /// Ends of the lines, in ascending order.
     known: HashSet<[u32; 2]>,
-    /// Place of each vertex in the order of its coordinates.
+    /// Rank of each vertex in coordinate order.
     ranks: Vec<u32>,
     edges: Vec<Edge>,
 }
@@ -188,14 +192,15 @@ impl<'a> Overlay<'a> {
             return;
         }
         let [u, v] = others(self.axis);
-        // The gradient of the plane's height as seen along the axis points to the left or to the right.
+        // The gradient of the height over the segment's plane, seen along the axis, points left or
+        // right.
         let normal = self.plane.normal;
         let gradient = [u, v].map(|along| {
             let height = i128::from(segment.line.normal[along]) * i128::from(normal[self.axis])
                 - i128::from(segment.line.normal[self.axis]) * i128::from(normal[along]);
             height.signum() * i128::from(normal[self.axis].signum())
         });
-        // Who has the gradient to the left goes along (v, -u) of it.
+        // The direction with the gradient to its left is `(v, -u)` of the gradient.
         let left = if gradient[1] > 0 || (gradient[1] == 0 && gradient[0] < 0) { 1 } else { -1 };
         let [a, b] = segment.ends.map(|end| [end.near[u], end.near[v]]);
         let bounds = [[a[0].min(b[0]), a[1].min(b[1])], [a[0].max(b[0]), a[1].max(b[1])]];
@@ -206,7 +211,7 @@ impl<'a> Overlay<'a> {
         &self.vertices.list[vertex as usize]
     }
 
-    /// The order of two vertices by their coordinates.
+    /// Compares two vertices by their coordinates.
     fn order(&self, a: u32, b: u32) -> Ordering {
         if a == b {
             return Ordering::Equal;
@@ -216,7 +221,8 @@ impl<'a> Overlay<'a> {
         a.compare(b, u).then_with(|| a.compare(b, v))
     }
 
-    /// Cuts lines where they meet, and where these points lie on them; says whether it was not to give up.
+    /// Cuts lines where they meet, and at those of `points` that lie on them. Returns false if it
+    /// was aborted.
     fn cut(&mut self, points: &[u32], gives_up: &dyn Fn(usize) -> bool) -> bool {
         let mut order: Vec<usize> = (0..self.lines.len()).collect();
         sort::by_key(&mut order, |line| sort::float_key(self.lines[*line].bounds[0][0]));
@@ -281,7 +287,7 @@ impl<'a> Overlay<'a> {
         }
     }
 
-    /// Cuts a line at a vertex that lies on its plane, if that is between the ends.
+    /// Cuts a line at a vertex in its plane, if the vertex is between the ends.
     fn put_on(&mut self, line: usize, vertex: u32) {
         let (a, b) = (self.lines[line].vertices[0], self.lines[line].vertices[1]);
         if self.order(a, vertex) == self.order(vertex, b) && vertex != a && vertex != b {
@@ -289,7 +295,7 @@ impl<'a> Overlay<'a> {
         }
     }
 
-    /// Makes edges of the cut lines, none twice.
+    /// Makes distinct edges from the cut lines.
     fn edges(&mut self) {
         let mut order: Vec<u32> = (0..self.vertices.list.len() as u32).collect();
         sort::by(&mut order, &mut |a, b| self.order(*a, *b));
@@ -303,24 +309,25 @@ impl<'a> Overlay<'a> {
             along.dedup();
             self.edges.extend(along.windows(2).map(|ends| Edge { ends: [ends[0], ends[1]], line: number }));
         }
-        // Invariant: edges meet in their ends alone, and no two have the same ends. Every vertex that lies on
-        // a line is on its list by now (each pair of lines was tried, and of those upon each other the ends
-        // are put on the other one), so that parts of two lines in the same place are the same pair of
-        // vertices. Loops go from edge to edge by the order around vertices alone: with edges that cross or
-        // lie upon each other they would enclose overlapping regions.
+        // Invariant: edges meet only in their ends, and no two have the same ends. All vertices on
+        // a line are in its list by now: every pair of lines was tried, and overlapping lines have
+        // each other's ends. So the common section of two lines has the same pairs of vertices.
+        // Loops follow the order of edges around vertices only: with edges that cross or overlap,
+        // they would enclose overlapping regions.
         sort::by_wide_key(&mut self.edges, |edge| {
             u128::from(sort::pair_key(edge.ends)) << 32 | u128::from(edge.line)
         });
         self.edges.dedup_by_key(|edge| edge.ends);
     }
 
-    /// Whether a vertex lies to the left (1) of an edge in its direction, to the right (-1), or on its line.
+    /// Whether a vertex is to the left (1) of an edge in its direction, to the right (-1), or on
+    /// its line.
     fn turn(&self, edge: &Edge, vertex: u32) -> i32 {
         let line = &self.lines[edge.line as usize];
         line.left * line.plane.side(self.point(vertex))
     }
 
-    /// Leaves out edges whose half-edges have the same to their left.
+    /// Removes edges whose half-edges have equal values to their left.
     fn leave_out<T: PartialEq>(&mut self, left: impl Fn(usize) -> T) {
         let mut index = 0;
         self.edges.retain(|_| {
@@ -330,14 +337,15 @@ impl<'a> Overlay<'a> {
         });
     }
 
-    /// The outer loop of the region to the left of each loop; `None` outside of all.
+    /// Returns the outer loop of the region to the left of each loop; `None` for the unbounded
+    /// region.
     fn outer_loops(&self, loops: &Loops) -> Vec<Option<usize>> {
         let of_hole = |hole: &Loop| {
             let around = (0..loops.list.len()).filter(|outer| {
                 let outer = &loops.list[*outer];
                 !outer.is_hole && outer.component != hole.component && self.is_inside(hole.vertices[0], outer)
             });
-            // Of those around it, the one that is inside all the others.
+            // Of the loops around it, the innermost.
             around.reduce(|best, other| {
                 if self.is_inside(loops.list[other].vertices[0], &loops.list[best]) { other } else { best }
             })
@@ -346,15 +354,15 @@ impl<'a> Overlay<'a> {
         loops.list.iter().enumerate().map(outer).collect()
     }
 
-    /// The region of each outer loop.
+    /// Returns the region of each outer loop.
     fn regions(&self, loops: &Loops, outer: &[Option<usize>]) -> Vec<Option<PlaneRegion>> {
         let ring = |list: &Loop| -> Vec<Corner> {
             let lines = list.halves.iter().map(|half| self.edges[*half as usize / 2].line);
             let corner = |(vertex, line): (&u32, u32)| Corner {
-                // Invariant: a corner of a region that lies on the grid is marked as such, also where three
-                // planes made it. Keys of vertices (`Vertices::key`) and whether a face is one of the grid
-                // go by that mark: without it, faces beside each other would have different keys in a common
-                // corner, and results on the grid would be stored as fractions.
+                // Invariant: a vertex of a region that lies on the grid is marked so, even if it
+                // was computed from three planes. `Vertices::key` and the test for on-grid faces
+                // use that mark. Without it, adjacent faces would have different keys for a shared
+                // vertex, and results on the grid would be stored as fractions.
                 point: self.point(*vertex).settled(),
                 line: self.lines[line as usize].plane,
             };
@@ -373,7 +381,8 @@ impl<'a> Overlay<'a> {
         regions
     }
 
-    /// Whether a vertex lies inside a loop that it is not on: by the loop's edges that pass it on one side.
+    /// Whether a vertex is inside a loop that does not contain it, by the parity of the edges to
+    /// one side.
     fn is_inside(&self, vertex: u32, outer: &Loop) -> bool {
         let [_, v] = others(self.axis);
         let is_above = |other: u32| self.point(other).compare(self.point(vertex), v) == Ordering::Greater;
@@ -382,7 +391,8 @@ impl<'a> Overlay<'a> {
             let edge = self.edges[half as usize / 2];
             let above = edge.ends.map(is_above);
             if above[0] != above[1] {
-                // To the left of an edge that goes up is where edges of greater coordinates are passed.
+                // If the vertex is to the left of an upward edge, the edge passes at a greater
+                // coordinate.
                 inside ^= (self.turn(&edge, vertex) > 0) == above[1];
             }
         }
@@ -401,7 +411,7 @@ struct Loop {
     component: u32,
 }
 
-/// All loops of a subdivision. Half-edge `2 e` is edge `e` in its direction, `2 e + 1` the other way.
+/// All loops of a subdivision. Half-edge `2 e` is edge `e` in its direction, `2 e + 1` its reverse.
 struct Loops {
     list: Vec<Loop>,
     /// Number of the loop of each half-edge.
@@ -416,10 +426,10 @@ impl Loops {
         for half in 0..2 * edges.len() as u32 {
             around[origin(half) as usize].push(half);
         }
-        // Counterclockwise, from the direction opposite to the second coordinate's: first those to greater
-        // coordinates, then the others. Invariant: no two compare as equal, since no two edges of a vertex
-        // have one direction. Loops and holes are told by this order; with a tie it would depend on how the
-        // sort goes about its work.
+        // Counterclockwise, starting opposite to the second coordinate's direction: first the edges
+        // to greater coordinates, then the others. Invariant: no two compare as equal, since no two
+        // edges at a vertex have the same direction. Loops and holes depend on this order; with
+        // ties, they would depend on the sort algorithm.
         for halves in &mut around {
             sort::by(halves, &mut |a, b| {
                 (a % 2).cmp(&(b % 2)).then_with(|| {
@@ -454,14 +464,14 @@ impl Loops {
                 loops.of_half[half as usize] = number;
                 found.halves.push(half);
                 found.vertices.push(origin(half));
-                // The next one is clockwise from the way back.
+                // The next half-edge is clockwise from the reverse one.
                 let back = half ^ 1;
                 let vertex = origin(back);
                 let halves = &around[vertex as usize];
                 let at = place[back as usize] as usize;
                 let next = halves[(at + halves.len() - 1) % halves.len()];
-                // At a vertex of the least coordinates, all edges lead to greater ones; the region between the last and
-                // the first is outside of the loop.
+                // At the vertex with the minimum coordinates, all edges lead to greater ones. The
+                // region between the last and the first edge is outside of the loop.
                 let rank = overlay.ranks[vertex as usize];
                 if rank < least {
                     (least, found.is_hole) = (rank, false);
@@ -478,7 +488,7 @@ impl Loops {
     }
 }
 
-/// Number of each vertex' connected component.
+/// Returns the number of each vertex's connected component.
 fn components(overlay: &Overlay<'_>) -> Vec<u32> {
     let mut sets = UnionFind::new(overlay.vertices.list.len());
     for Edge { ends: [a, b], .. } in &overlay.edges {
@@ -493,7 +503,7 @@ mod tests {
 
     const PLANE: [i64; 3] = [0, 0, 1];
 
-    /// Regions by twice their areas, of segments between points of the plane z = 0.
+    /// Regions of segments between points of the plane z = 0, as ring counts and twice the areas.
     fn areas(segments: &[[[i32; 2]; 2]], points: &[[i32; 2]]) -> Vec<(usize, f64)> {
         let plane = ExactPlane::through([0; 3], PLANE);
         let lift = |at: [i32; 2]| [at[0], at[1], 0];
@@ -513,7 +523,7 @@ mod tests {
                 })
                 .sum()
         };
-        // (All are wanted, and none is the same as another.)
+        // (All regions are chosen, with distinct values.)
         let count = std::cell::Cell::new(0);
         let choose = |_: &PlaneRegion| Some(count.replace(count.get() + 1));
         let mut found: Vec<(usize, f64)> = regions(&plane, &segments, &points, &|_| false, choose)
@@ -536,7 +546,7 @@ mod tests {
     fn segments_divide_a_square() {
         assert_eq!(areas(&square(0, 8), &[[4, 0], [3, 3]]), [(1, 128.0)]);
         let with = |more: &[[[i32; 2]; 2]]| areas(&[square(0, 8), more.to_vec()].concat(), &[]);
-        // Two crossing ones, one that ends inside, one from outside, one along an edge.
+        // Two that cross, one that ends inside, one from outside, one along an edge.
         assert_eq!(with(&[[[0, 4], [8, 4]], [[4, 0], [4, 8]]]), [(1, 32.0); 4]);
         assert_eq!(with(&[[[0, 4], [5, 4]]]), [(1, 128.0)]);
         assert_eq!(with(&[[[-3, 4], [11, 4]], [[2, 0], [6, 0]]]), [(1, 64.0), (1, 64.0)]);
@@ -560,12 +570,12 @@ mod tests {
                 (3, 2.0 * (256.0 - 4.0 - 4.0 - 9.0 + 1.0))
             ]
         );
-        // A bridge to a hole, and two squares that touch in a corner.
+        // A bridge to a hole, and two squares that share a vertex.
         let bridged = [square(0, 20), square(4, 6), vec![[[0, 0], [4, 4]]], square(6, 9)].concat();
         assert_eq!(areas(&bridged, &[]), [(1, 8.0), (1, 18.0), (2, 774.0)]);
     }
 
-    /// Of random segments in a square, the areas add up to the square's, and no region is empty.
+    /// Random segments in a square: the areas add up to the square's, and no region is empty.
     #[test]
     fn areas_add_up() {
         let mut state = 11u64;

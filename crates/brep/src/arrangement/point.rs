@@ -1,11 +1,14 @@
-//! Points with rational coordinates, and planes through points of the grid: exact, with doubles in front.
+//! Points with rational coordinates, and planes through grid points: exact, with floating-point
+//! filters.
 //!
-//! Invariant: every plane is that of a face of the input, or one along an axis through two points of the
-//! grid; none is laid through points that were computed. It holds because a part of a face keeps the face's
-//! plane, and its new edges the planes of the faces that made them, however many operations follow. So
-//! normals have at most 56 bits and offsets 84; the point of three planes has homogeneous coordinates of at most 197 bits
-//! and a weight of at most 171, and the test on which side of a plane it lies takes at most 255 ([`bounds`](crate::exact::bounds)
-//! derives it). A plane through computed points would have some 600, numbers would overflow, and signs would be anything.
+//! Invariant: every plane is the plane of an input face, or is parallel to an axis and contains two
+//! grid points. No plane is computed from computed points: a region of a face keeps the face's
+//! plane, and its new edges keep the planes of the faces that made them, over any number of
+//! operations. So normals have at most 56 bits and offsets 84. The intersection point of three
+//! planes has homogeneous coordinates of at most 197 bits and a weight of at most 171. The test on
+//! which side of a plane it lies takes at most 255 bits ([`bounds`](crate::exact::bounds) derives
+//! them). A plane through computed points would have some 600 bits: numbers would overflow, and
+//! signs would be wrong.
 
 use std::cmp::Ordering;
 
@@ -15,22 +18,22 @@ use bnum::types::{I256, I512, I1024};
 use crate::exact::bounds::{ORDER_ERROR, SIDE_ERROR, TURN_ERROR};
 use crate::exact::vector::{self, dot, main_axis, others};
 
-/// A plane through points of the grid.
+/// A plane through grid points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExactPlane {
-    /// Its direction, to the front.
+    /// Normal, which points to the front.
     pub normal: [i64; 3],
-    /// The product of the normal with each point of the plane.
+    /// Dot product of the normal with any point of the plane.
     pub offset: i128,
 }
 
 impl ExactPlane {
-    /// The plane through a point.
+    /// Returns the plane through a point with a normal.
     pub fn through(base: [i32; 3], normal: [i64; 3]) -> ExactPlane {
         ExactPlane { normal, offset: dot(normal.map(i128::from), base.map(i128::from)) }
     }
 
-    /// The plane along an axis through two points.
+    /// Returns the plane through two points that is parallel to an axis.
     pub fn along(axis: usize, from: [i32; 3], to: [i32; 3]) -> ExactPlane {
         let [u, v] = others(axis);
         let mut normal = [0; 3];
@@ -39,12 +42,12 @@ impl ExactPlane {
         ExactPlane::through(from, normal)
     }
 
-    /// The height of a point of the grid over the plane, times the length of the normal.
+    /// Returns the signed height of a grid point over the plane, times the normal's length.
     pub(super) fn height(&self, point: [i32; 3]) -> i128 {
         dot(self.normal.map(i128::from), point.map(i128::from)) - self.offset
     }
 
-    /// The side on which a point lies: 1 where the normal points to, 0 in the plane.
+    /// Returns the side of a point: 1 in front, -1 at the back, 0 in the plane.
     pub fn side(&self, point: &ExactPoint) -> i32 {
         if let Some(point) = point.on_grid() {
             return self.height(point).signum() as i32;
@@ -58,25 +61,26 @@ impl ExactPlane {
         })
     }
 
-    /// The plane with its other side in front.
+    /// Returns the plane with the opposite normal.
     pub(crate) fn turned(&self) -> ExactPlane {
         ExactPlane { normal: self.normal.map(|part| -part), offset: -self.offset }
     }
 
-    /// The plane, moved, with all coordinates so many times as large before.
+    /// Returns the plane after its coordinates are multiplied by `times` and then moved by `shift`.
     pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPlane {
         let moved = dot(self.normal.map(i128::from), shift.map(i128::from));
         ExactPlane { offset: self.offset * i128::from(times) + moved, ..*self }
     }
 
-    /// The plane with other axes in the place of its own, some of them turned round.
+    /// Returns the plane with permuted axes, some of them mirrored.
     pub(crate) fn permuted(&self, from: [usize; 3], mirrored: [bool; 3]) -> ExactPlane {
         let part =
             |axis: usize| if mirrored[axis] { -self.normal[from[axis]] } else { self.normal[from[axis]] };
         ExactPlane { normal: [0, 1, 2].map(part), offset: self.offset }
     }
 
-    /// The side of a point that is known but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR), if that is enough to tell.
+    /// Returns the side of an approximate point, with an error of at most
+    /// [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR), if the error cannot change it.
     pub(super) fn side_near(&self, near: [f64; 3]) -> Option<i32> {
         let (mut height, mut size) = (-(self.offset as f64), 0.0);
         for (axis, near) in near.into_iter().enumerate() {
@@ -87,7 +91,7 @@ impl ExactPlane {
         (height.abs() > size * SIDE_ERROR).then_some(if height > 0.0 { 1 } else { -1 })
     }
 
-    /// Whether two planes are the same, whichever sides they are turned to.
+    /// Whether two planes are equal, regardless of orientation.
     pub(crate) fn is(&self, other: &ExactPlane) -> bool {
         let axis = self.main_axis();
         cross(self.normal, other.normal) == [0; 3]
@@ -95,45 +99,46 @@ impl ExactPlane {
                 == product(other.offset, self.normal[axis].into())
     }
 
-    /// Whether the normal points to the same side as that of a parallel plane.
+    /// Whether the normal points to the same side as the normal of a parallel plane.
     pub fn is_turned_as(&self, other: &ExactPlane) -> bool {
         let axis = self.main_axis();
         (self.normal[axis] > 0) == (other.normal[axis] > 0)
     }
 
-    /// The axis along which the plane is seen largest.
+    /// Returns the axis along which the plane's projection is largest.
     pub fn main_axis(&self) -> usize {
         main_axis(self.normal)
     }
 }
 
-/// The product of two normals.
+/// Returns the cross product of two normals.
 pub(crate) fn cross(a: [i64; 3], b: [i64; 3]) -> [i128; 3] {
     vector::cross(a.map(i128::from), b.map(i128::from))
 }
 
-/// A point by homogeneous coordinates.
+/// A point in homogeneous coordinates.
 #[derive(Clone, Copy, Debug)]
 pub struct ExactPoint {
     pub(crate) at: [I256; 3],
-    /// Divisor of the coordinates: positive.
+    /// Divisor of the coordinates; positive.
     pub(crate) weight: I256,
-    /// The point, but for [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR).
+    /// The point, with an error of at most [`POINT_ERROR`](crate::exact::bounds::POINT_ERROR).
     pub near: [f64; 3],
-    /// Whether it is a point of the grid, and `near` is exact.
+    /// Whether the point was made as a grid point; `near` is exact then.
     is_on_grid: bool,
 }
 
 impl ExactPoint {
-    /// A point of the grid.
+    /// Converts a grid point.
     pub fn of_grid(point: [i32; 3]) -> ExactPoint {
         let at = point.map(|at| wide(at.into()));
         ExactPoint { at, weight: wide(1), near: point.map(f64::from), is_on_grid: true }
     }
 
-    /// The point where an edge meets a plane whose normal has these products with its ends' places: not twice the same.
+    /// Returns the point where an edge meets a plane. `start` and `end` are the distinct heights of
+    /// its ends over the plane, up to a common factor.
     pub(super) fn of_edge([from, to]: [[i32; 3]; 2], [start, end]: [i128; 2]) -> ExactPoint {
-        // A mean of the ends.
+        // A weighted mean of the ends.
         let (weight, start) = if start > end { (start - end, start) } else { (end - start, -start) };
         let at = std::array::from_fn(|axis| {
             let along = i128::from(to[axis]) - i128::from(from[axis]);
@@ -142,7 +147,7 @@ impl ExactPoint {
         ExactPoint::new(at, wide(weight))
     }
 
-    /// The point of three planes that have one in common, and no more.
+    /// Returns the intersection point of three planes, which must have exactly one.
     pub fn of_planes(planes: [&ExactPlane; 3]) -> ExactPoint {
         let [a, b, c] = planes;
         let crosses = [cross(b.normal, c.normal), cross(c.normal, a.normal), cross(a.normal, b.normal)];
@@ -164,16 +169,17 @@ impl ExactPoint {
         ExactPoint::new(at, weight)
     }
 
-    /// The point of any homogeneous coordinates with a positive weight.
+    /// Returns the point with given homogeneous coordinates and a positive weight.
     pub(crate) fn of(at: [I256; 3], weight: I256) -> ExactPoint {
         ExactPoint::new(at, weight).settled()
     }
 
-    /// The point of homogeneous coordinates with a positive weight.
+    /// Returns the point with given homogeneous coordinates and a positive weight, without the test
+    /// whether it is a grid point.
     fn new(at: [I256; 3], weight: I256) -> ExactPoint {
-        // Invariant: weights are not negative (and 0 only of faces that are not flat): those who make points
-        // turn all four numbers round, and files are checked. Sides, orders and areas are signs of sums with
-        // weights as factors: one negative weight would turn them all round.
+        // Invariant: weights are not negative, and 0 only for faces that are not flat. Constructors
+        // negate all four numbers if necessary, and files are checked. Sides, orders and areas are
+        // signs of sums with weights as factors: a negative weight would negate them.
         debug_assert!(!weight.is_negative());
         let size: f64 = weight.as_();
         let near = at.map(|at| {
@@ -183,12 +189,12 @@ impl ExactPoint {
         ExactPoint { at, weight, near, is_on_grid: false }
     }
 
-    /// The coordinates of a point that was made as one of the grid.
+    /// Returns the coordinates of a point that was made as a grid point.
     pub(crate) fn on_grid(&self) -> Option<[i32; 3]> {
         self.is_on_grid.then(|| self.near.map(|at| at as i32))
     }
 
-    /// The point, made as one of the grid if it is one.
+    /// Returns the point, marked as a grid point if it is one.
     pub fn settled(self) -> ExactPoint {
         if self.is_on_grid {
             return self;
@@ -197,7 +203,7 @@ impl ExactPoint {
         if self.is(&rounded) { rounded } else { self }
     }
 
-    /// The point, moved, with all coordinates so many times as large before.
+    /// Returns the point after its coordinates are multiplied by `times` and then moved by `shift`.
     pub(crate) fn placed(&self, times: i64, shift: [i64; 3]) -> ExactPoint {
         let at =
             [0, 1, 2].map(|axis| self.at[axis] * wide(times.into()) + self.weight * wide(shift[axis].into()));
@@ -207,14 +213,14 @@ impl ExactPoint {
         }
     }
 
-    /// The point with other axes in the place of its own, some of them turned round.
+    /// Returns the point with permuted axes, some of them mirrored.
     pub(crate) fn permuted(&self, from: [usize; 3], mirrored: [bool; 3]) -> ExactPoint {
         let at = |axis: usize| if mirrored[axis] { -self.at[from[axis]] } else { self.at[from[axis]] };
         let near = |axis: usize| if mirrored[axis] { -self.near[from[axis]] } else { self.near[from[axis]] };
         ExactPoint { at: [0, 1, 2].map(at), near: [0, 1, 2].map(near), ..*self }
     }
 
-    /// The order of two points along an axis.
+    /// Compares two points along an axis.
     pub fn compare(&self, other: &ExactPoint, axis: usize) -> Ordering {
         let difference = self.near[axis] - other.near[axis];
         if difference.abs() > ORDER_ERROR {
@@ -224,7 +230,8 @@ impl ExactPoint {
             return Ordering::Equal;
         }
         if self.weight.is_zero() || other.weight.is_zero() {
-            // Faces that are not flat have points that are none: in any order, as long as it is one.
+            // Faces that are not flat have undefined points. Any order will do, as long as it is
+            // total.
             return self.near[axis].total_cmp(&other.near[axis]);
         }
         let (a, b): (I512, I512) = (self.at[axis].as_(), other.at[axis].as_());
@@ -232,17 +239,17 @@ impl ExactPoint {
         (a * other_weight).cmp(&(b * weight))
     }
 
-    /// Whether two points are one.
+    /// Whether two points are equal.
     pub fn is(&self, other: &ExactPoint) -> bool {
         (0..3).all(|axis| self.compare(other, axis) == Ordering::Equal)
     }
 
-    /// The nearest point of the grid; a coordinate in the middle between two goes to the greater.
+    /// Returns the nearest grid point. Ties are rounded up.
     pub(crate) fn rounded(&self) -> [i32; 3] {
         std::array::from_fn(|axis| {
             let near = self.near[axis];
             let rounded = near.round();
-            // (The distance from the middle between two.)
+            // (The distance from the midpoint between two grid points.)
             if (near - rounded).abs() < 0.5 - ORDER_ERROR {
                 return rounded as i32;
             }
@@ -253,8 +260,8 @@ impl ExactPoint {
     }
 }
 
-/// Twice the area of the triangle of three points as seen along an axis, times all their weights; the sign is that of a
-/// turn to the left, seen from the axis' positive end.
+/// Returns twice the signed area of a triangle projected along an axis, times all weights. It is
+/// positive if the triangle is counterclockwise as seen from the axis's positive end.
 pub(super) fn area(axis: usize, [a, b, c]: [&ExactPoint; 3]) -> I1024 {
     let [u, v] = others(axis);
     let minor = |p: &ExactPoint, q: &ExactPoint| -> I1024 {
@@ -265,7 +272,7 @@ pub(super) fn area(axis: usize, [a, b, c]: [&ExactPoint; 3]) -> I1024 {
     minor(a, b) * weight(c) + minor(b, c) * weight(a) + minor(c, a) * weight(b)
 }
 
-/// The sign of [`area`].
+/// Returns the sign of [`area`].
 pub(super) fn turn(axis: usize, corners: [&ExactPoint; 3]) -> i32 {
     let [u, v] = others(axis);
     let [a, b, c] = corners.map(|point| [point.near[u], point.near[v]]);
@@ -283,17 +290,17 @@ pub(super) fn turn(axis: usize, corners: [&ExactPoint; 3]) -> i32 {
     sign(&self::area(axis, corners))
 }
 
-/// A number in 256 bits.
+/// Widens a number to 256 bits.
 pub(crate) fn wide(number: i128) -> I256 {
     number.as_()
 }
 
-/// The product of two numbers.
+/// Returns the product of two numbers.
 pub(super) fn product(a: i128, b: i128) -> I256 {
     wide(a) * wide(b)
 }
 
-/// The sign of a number.
+/// Returns the sign of a number.
 pub(super) fn sign<const N: usize>(number: &bnum::Int<N>) -> i32 {
     if number.is_negative() { -1 } else { i32::from(!number.is_zero()) }
 }
@@ -312,7 +319,8 @@ mod tests {
         }
     }
 
-    /// Points of planes and of edges lie in them, at any size of the coordinates.
+    /// Intersection points of planes, and of edges with planes, lie in these planes, for any size
+    /// of the coordinates.
     #[test]
     fn points_lie_in_their_planes() {
         let mut number = random(1);
@@ -348,7 +356,7 @@ mod tests {
             assert!([&a, &b, &c].iter().all(|plane| plane.side(&common) == 0));
             let turned = ExactPoint::of_planes([&c, &a, &b]);
             assert!(common.is(&turned));
-            // One unit beside it is not the same.
+            // A point one unit away is different.
             let beside = ExactPoint { at: [common.at[0] + wide(1), common.at[1], common.at[2]], ..common };
             assert!(!common.is(&beside) && common.compare(&beside, 0) == Ordering::Less);
         }
@@ -361,7 +369,7 @@ mod tests {
         if sum.is_zero() { 2 } else { 3 }
     }
 
-    /// Planes with the largest normals, through the farthest points, leave no number without room (where one had none, this
+    /// Planes with the maximum normals, through the outermost points, do not overflow (an overflow
     /// would panic).
     #[test]
     fn the_widest_numbers_fit() {
@@ -373,7 +381,7 @@ mod tests {
             let [a, b, c, _] = normals.map(|normal| ExactPlane::through(at, normal));
             let common = ExactPoint::of_planes([&a, &b, &c]);
             assert_eq!(common.near, at.map(f64::from));
-            // (Doubles are not asked.)
+            // (Without the floating-point filter.)
             let blind = ExactPoint { near: [f64::NAN; 3], ..common };
             for normal in normals {
                 let plane = ExactPlane::through(base, normal);
@@ -382,7 +390,7 @@ mod tests {
                     plane.height(at).signum() as i32,
                     "{at:?} {base:?} {normal:?}"
                 );
-                // One unit beside the point decides.
+                // One unit off the point decides.
                 let own = ExactPlane::through(at, normal);
                 let beside = |unit: i128| ExactPlane { offset: own.offset + unit, ..own };
                 assert_eq!([-1, 0, 1].map(|unit| beside(unit).side(&blind)), [1, 0, -1]);

@@ -1,4 +1,4 @@
-//! Common points of two polygons with holes, exactly: along the line in which their planes meet.
+//! Exact common points of two polygons with holes, along the line of both planes.
 
 use std::cmp::Ordering;
 
@@ -12,12 +12,12 @@ use spinney_base::sort;
 pub(super) struct Common {
     pub(super) segments: Vec<[ExactPoint; 2]>,
     pub(super) points: Vec<ExactPoint>,
-    /// Edges and corners of both, as neighbours of a surface have.
+    /// Shared edges and vertices, as between neighbours in a surface.
     pub(super) edges: Vec<[ExactPoint; 2]>,
     pub(super) corners: Vec<ExactPoint>,
 }
 
-/// Finds what two polygons of different planes have in common.
+/// Returns the common points of two polygons in different planes.
 pub(super) fn common(a: &ExactFace, b: &ExactFace) -> Common {
     let (Some(along_a), Some(along_b)) = (LineSection::of(a, &b.plane), LineSection::of(b, &a.plane)) else {
         return Common::default();
@@ -56,16 +56,16 @@ fn has_edge(face: &ExactFace, [from, to]: &[ExactPoint; 2]) -> bool {
     })
 }
 
-/// Where a plane meets the boundary of a polygon that does not lie in it.
+/// Intersection of a plane with the boundary of a polygon that is not in it.
 struct LineSection {
-    /// All points of edges in the plane that are corners or between corners on both sides.
+    /// All vertices in the plane, and points where edges cross it.
     points: Vec<ExactPoint>,
-    /// Where the line passes from inside to outside or back that lies beside it, on either side.
+    /// Points where a parallel line close to the plane would enter or leave the polygon, per side.
     passed: [Vec<ExactPoint>; 2],
 }
 
 impl LineSection {
-    /// `None` if the polygon lies on one side.
+    /// `None` if the polygon is on one side of the plane.
     fn of(face: &ExactFace, plane: &ExactPlane) -> Option<LineSection> {
         let sides: Vec<i32> = face.corners.iter().map(|corner| plane.side(&corner.point)).collect();
         if sides.iter().all(|side| *side > 0) || sides.iter().all(|side| *side < 0) {
@@ -87,11 +87,11 @@ impl LineSection {
                 if side == 0 || next != 0 {
                     found.points.push(point);
                 }
-                // What lies in the plane counts to one side, then to the other.
+                // Vertices in the plane count as on one side, then on the other.
                 for (passed, way) in found.passed.iter_mut().zip([1, -1]) {
                     let is_beyond = |side: i32| side * way > 0;
                     if is_beyond(side) != is_beyond(next) {
-                        // (An edge that ends in the plane passes there.)
+                        // (An edge that ends in the plane crosses there.)
                         let at = if side == 0 { from } else { to };
                         let is_at_corner = side == 0 || next == 0;
                         passed.push(if is_at_corner { face.corners[at].point } else { point });
@@ -103,7 +103,8 @@ impl LineSection {
         Some(found)
     }
 
-    /// Whether the polygon has what lies between places along the line and those after them, and the places.
+    /// Whether the polygon contains the intervals after each of `places` along the line, and the
+    /// points themselves.
     fn covers(&self, places: &[ExactPoint], axis: usize) -> [Vec<bool>; 2] {
         let mut between = vec![false; places.len()];
         for passed in &self.passed {
@@ -113,10 +114,10 @@ impl LineSection {
                     counts[place] += 1;
                 }
             }
-            // Invariant: on each side of the line a closed ring passes it an even number of times, so that
-            // the line is outside again behind the last place. What lies on the line counts to one side, then
-            // to the other, and never to both at once: else an edge along it would turn inside and outside
-            // round.
+            // Invariant: on each side, a closed ring crosses the line an even number of times, so
+            // the line is outside again after the last point. Vertices on the line count as on one
+            // side, then on the other, and never on both at once: otherwise an edge along the line
+            // would swap inside and outside.
             let mut inside = false;
             for (between, count) in between.iter_mut().zip(counts) {
                 inside ^= count % 2 == 1;

@@ -1,4 +1,4 @@
-//! Faces with corners beside the grid as faces with corners on it.
+//! Rounding of faces with off-grid vertices to the grid.
 
 use super::delaunay;
 use super::exact_face::ExactFace;
@@ -10,25 +10,26 @@ use crate::geometry::Triangulator;
 use crate::piece::Piece;
 use spinney_base::Result;
 
-/// Moves the corners of faces to the nearest points of the grid; keeps its buffers from face to face.
+/// Moves the vertices of faces to the nearest grid points; keeps its buffers from face to face.
 #[derive(Default)]
 pub(super) struct Rounder {
-    /// The furthest that a corner was moved, in steps of the grid.
+    /// Maximum distance that a vertex was moved, in grid units.
     pub(super) displacement: f64,
-    /// Whether any corner was moved.
+    /// Whether any vertex was moved.
     pub(super) is_moved: bool,
-    /// Corners of all faces.
+    /// Rounded vertices of all faces.
     pub(super) corners: Vec<[i32; 3]>,
     triangulator: Triangulator,
-    /// Corners before and after.
+    /// Vertices before and after rounding.
     near: Vec<[f64; 3]>,
     points: Vec<[i32; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Rounder {
-    /// Hands out a face: as a polygon if its corners lie in its plane on the grid, too, and otherwise in triangles. These are
-    /// found before: slivers then fall together, and do not fold over.
+    /// Yields a rounded face: as a polygon if its rounded vertices are in its plane, otherwise as
+    /// triangles. The triangulation is computed before rounding, so that slivers collapse instead
+    /// of folding over.
     pub(super) fn round(
         &mut self,
         face: &ExactFace,
@@ -62,13 +63,13 @@ impl Rounder {
         Ok(())
     }
 
-    /// Cuts the face into triangles as it is before its corners are moved, on a grid that is finer by as much as the
-    /// face is small.
+    /// Triangulates the face before its vertices are rounded, on a grid that is refined to the
+    /// face's size.
     fn triangulate(&mut self, plane: &ExactPlane, ring_ends: &[usize]) -> bool {
         let least = |axis: usize| self.near.iter().map(|point| point[axis]).fold(f64::INFINITY, f64::min);
         let low = [0, 1, 2].map(least);
         let extent = self.near.iter().flat_map(|point| (0..3).map(|axis| point[axis] - low[axis]));
-        // (Of a face that is a point nothing is left by any scale.)
+        // (A face that is a point is empty at any scale.)
         const MIN_EXTENT: f64 = 1e-9;
         let extent = extent.fold(MIN_EXTENT, f64::max);
         let scale = f64::from(1 << 30) / extent;
@@ -79,14 +80,15 @@ impl Rounder {
         if !self.triangulator.triangulate(&fine, ring_ends, &mut self.triangles) {
             return false;
         }
-        // Without long thin triangles, moving the corners makes fewer that pass through others.
+        // Without long thin triangles, rounding causes fewer intersections.
         let corners: Vec<[f64; 3]> = fine.iter().map(|point| point.map(|at| at as f64)).collect();
         delaunay::flip_in_plane(plane.normal.map(|part| part as f64), &corners, &mut self.triangles);
         true
     }
 }
 
-/// The colours of the corners of a part of a face, between those of the triangle of the face that each lies in.
+/// Returns the colours of a region's vertices. Each is interpolated in the triangle of the face
+/// that contains it.
 pub(super) fn colours(face: &Face<'_>, plane: &ExactPlane, part: &ExactFace) -> Vec<[u8; 3]> {
     if face.colours.is_empty() {
         return Vec::new();
@@ -95,11 +97,12 @@ pub(super) fn colours(face: &Face<'_>, plane: &ExactPlane, part: &ExactFace) -> 
     part.corners.iter().map(|corner| colour(plane, face, &pieces, corner.point.near)).collect()
 }
 
-/// The colour of a place of a face.
+/// Returns the colour of a face at a point.
 fn colour(plane: &ExactPlane, face: &Face<'_>, pieces: &[Piece], at: [f64; 3]) -> [u8; 3] {
     let axis = plane.main_axis();
     let [u, v] = others(axis);
-    // Areas of the triangles that the place makes with the edges opposite to the corners, as seen along the axis.
+    // Barycentric weights: signed areas of the triangles of the point and an edge, as seen along
+    // the axis.
     let weights = |piece: &Piece| {
         let to = piece.corners.map(|corner| [f64::from(corner[u]) - at[u], f64::from(corner[v]) - at[v]]);
         [0, 1, 2].map(|i| {
@@ -107,7 +110,7 @@ fn colour(plane: &ExactPlane, face: &Face<'_>, pieces: &[Piece], at: [f64; 3]) -
             a[0] * b[1] - a[1] * b[0]
         })
     };
-    // The least of them in proportion is greatest in the triangle that has the place.
+    // The triangle that contains the point has the maximum of the minimum weights.
     let least = |piece: &Piece| {
         let weights = weights(piece);
         let sum: f64 = weights.iter().sum();

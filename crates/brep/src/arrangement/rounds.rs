@@ -1,5 +1,21 @@
-//! Arrangements, exact and on the grid: bodies are divided by each other once; then their new vertices are moved to the grid,
-//! and faces are divided again until that has no more consequences.
+//! Exact arrangements, and their rounding to the grid.
+//!
+//! [`divide`] divides surfaces by each other once, exactly. [`round`] moves the new vertices to the
+//! grid. The rounded faces may intersect where the surface is thinner than a grid unit.
+//! `Rounded::mended` then repeats two operations: divide the rounded faces by each other, and snap
+//! edges to the moved vertices that they pass closer than a grid unit ([`snap`]).
+//!
+//! Each repetition may make new intersections, and nothing guarantees that they die out. So at most
+//! four repetitions follow the first division. The limit bounds the time and also `reach`, to which
+//! each repetition adds at most 2 grid units. Mending stops early if it diverges: if more than 100
+//! faces are divided and more than twice as many as at first, or if there are more than
+//! `4 * crossings + 1000` contacts.
+//!
+//! If mending succeeds, dividing the surface again would divide and remove no face, all faces are
+//! planar with vertices on the grid, and the open edges, at which the surface meets other faces,
+//! are unchanged. Otherwise the unmended surface is used. It is still closed, and the model's
+//! builder reports where it intersects itself. The exact faces are kept in both cases, so further
+//! operations do not depend on mending.
 
 use std::mem;
 use std::path::Path;
@@ -15,11 +31,11 @@ use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Error, Progress, Result, SilentProgress, sort};
 
-/// Returns the faces that bound what is inside of some closed surfaces, exactly. `path` is for errors. Progress counts faces, each
-/// twice.
+/// Returns the faces that bound the inside of some closed surfaces, exactly. `path` is for errors.
+/// Progress counts each face twice.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, or on interruption.
+/// If `memory` bytes are insufficient, or on cancellation.
 pub(crate) fn divide(
     faces: &ExactFaces,
     operands: &Operands<'_>,
@@ -38,7 +54,7 @@ pub(crate) fn divide(
                 None => found.list.push(&face),
             },
             Kept::PlaneRegion { exact, .. } => {
-                // (Where very many faces meet, parts of them take much more than the faces.)
+                // (Where very many faces meet, their regions take much more memory than the faces.)
                 part_bytes += exact.bytes();
                 if part_bytes > memory {
                     return Err(too_large(path, part_bytes, memory));
@@ -54,37 +70,37 @@ pub(crate) fn divide(
 /// Surroundings of the faces of a list.
 #[derive(Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
-    /// Whether what is far away is inside.
+    /// Whether infinity is inside.
     pub(crate) is_unbounded: bool,
-    /// Steps that the surface's other faces lie at most beside those that they stand in for.
+    /// Maximum distance of the surface's other proxies from their exact faces, in grid units.
     pub(crate) reach: u8,
-    /// These other faces, if there are any.
+    /// The surface's other faces, if there are any.
     pub(crate) rest: Option<&'a OtherFaces<'a>>,
 }
 
-/// A surface on the grid, or a part of one, and what of it is not exact.
+/// A surface or a part of one on the grid, with its exact faces.
 #[derive(Clone)]
 pub(crate) struct Rounded {
-    /// Planar faces with corners on the grid.
+    /// Planar faces with vertices on the grid.
     pub(crate) faces: FaceList,
-    /// Whether each of them stands for parts of others.
+    /// Whether each of them is a proxy.
     pub(crate) is_proxy: Vec<bool>,
-    /// These others.
+    /// The exact faces of the proxies.
     pub(crate) exact: Vec<ExactFace>,
-    /// Whether each face is new, and may pass through others.
+    /// Whether each face is new, and may intersect others.
     changed: Vec<bool>,
     /// Vertices that were moved.
     moved: Vec<[i32; 3]>,
-    /// The furthest that one was moved, in steps.
+    /// Maximum distance that one was moved, in grid units.
     pub(crate) displacement: f64,
-    /// Steps that faces lie at most beside those that they stand in for.
+    /// Maximum distance of proxies from their exact faces, in grid units.
     pub(crate) reach: u8,
 }
 
 /// Moves the vertices of a surface to the grid.
 ///
 /// # Errors
-/// On interruption.
+/// On cancellation.
 pub(crate) fn round(exact: ExactFaces, progress: &dyn Progress) -> Result<Rounded> {
     let mut rounder = Rounder::default();
     let ExactFaces { list, exact: mut beside } = exact;
@@ -125,10 +141,11 @@ impl Rounded {
         self.moved.extend(rounder.corners);
     }
 
-    /// Number of pairs of faces of which one was moved, and that have more in common now than neighbours have.
+    /// Counts the contacts of faces that were moved: pairs with more in common than neighbours
+    /// have.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, or on interruption.
+    /// If `memory` bytes are insufficient, or on cancellation.
     pub(crate) fn crossings(&mut self, path: &Path, memory: u64, progress: &dyn Progress) -> Result<u64> {
         if !self.changed.contains(&true) {
             return Ok(0);
@@ -141,11 +158,12 @@ impl Rounded {
         found
     }
 
-    /// Closes a surface edge by edge where `seams` are open, and mends it where it is thinner than a step (there are `crossings`), if that comes to an
-    /// end, and the memory is enough: otherwise it stays as it is, and whoever builds a model of it tells where it passes through itself.
+    /// Closes the surface at open `seams`. If there are `crossings`, also mends the surface, which
+    /// is thinner than a grid unit there. If mending fails or exceeds the memory, the unmended
+    /// surface is returned, and a model's builder reports where it intersects itself.
     ///
     /// # Errors
-    /// On interruption, or if the surroundings cannot be read.
+    /// On cancellation, or if the surroundings cannot be read.
     pub(crate) fn closed(
         mut self,
         seams: Seams,
@@ -165,7 +183,7 @@ impl Rounded {
         if crossings == 0 {
             return Ok(self);
         }
-        // (What is exact stays so: others join it.)
+        // (The exact faces do not change; mending may add others.)
         let mut exact = mem::take(&mut self.exact);
         let mut made = match self.clone().mended(crossings, surroundings, path, memory, progress) {
             Ok((mended, true)) => mended,
@@ -176,11 +194,12 @@ impl Rounded {
         Ok(Rounded { exact, ..made })
     }
 
-    /// Mends what moving vertices has done to a surface, as far as that gets in a few rounds. Says whether nothing is left to do, and the
-    /// surface still meets the faces around it.
+    /// Removes intersections that rounding caused, in a limited number of repetitions. Returns
+    /// whether it succeeded: nothing is left to divide, and the surface still has the same open
+    /// edges, so that it fits the faces around it.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, on interruption, or if the surroundings cannot be read.
+    /// If `memory` bytes are insufficient, on cancellation, or if the surroundings cannot be read.
     fn mended(
         self,
         crossings: u64,
@@ -189,9 +208,9 @@ impl Rounded {
         memory: u64,
         progress: &dyn Progress,
     ) -> Result<(Rounded, bool)> {
-        /// Times that faces are divided anew.
+        /// Maximum count of repetitions. See the module's documentation.
         const MAX_ROUNDS: u32 = 4;
-        // (Where crossings become many more, it gets worse.)
+        // (If there are many more contacts than at first, mending diverges.)
         let most_contacts = 4 * crossings + 1000;
         let mut rounds = 0;
         let far = [i32::from(surroundings.is_unbounded)];
@@ -226,7 +245,8 @@ impl Rounded {
             }
             rounds += 1;
             if divided > 0 {
-                // Moving corners has made new crossings: what is thinner than a step has to go.
+                // Moving vertices has made new intersections. Snapping collapses what is thinner
+                // than a grid unit.
                 let (moved, changed) = (state.moved.clone(), state.changed.clone());
                 state = state.again(|faces, each| snap(&faces.list, &moved, &changed, progress, each))?.0;
                 state.reach = state.reach.saturating_add(1);
@@ -234,8 +254,8 @@ impl Rounded {
         }
     }
 
-    /// Collects what is made of the faces as planar ones. Faces that were exact and do not come back as they were go to the exact
-    /// ones.
+    /// Collects the output of `make` as planar faces. A face that was not a proxy and does not come
+    /// back unchanged is added to the exact faces.
     fn again<R>(
         self,
         make: impl FnOnce(&ExactFaces, &mut EachFace<'_>) -> Result<R>,
@@ -247,7 +267,7 @@ impl Rounded {
         let mut planar = PlanarFaces::default();
         planar.is_coloured = old.is_coloured();
         let (mut changed, mut still) = (Vec::new(), Vec::new());
-        // Whether each comes back as it was.
+        // Whether each face comes back unchanged.
         let mut is_back = vec![false; is_proxy.len()];
         let made = make(&faces, &mut |face, is_new| {
             let number = face.number as usize;
@@ -269,16 +289,16 @@ impl Rounded {
                 exact.push(ExactFace::of_grid(&face, &ExactPlane::through(face.points[0], normal)));
             }
         }
-        // Invariant: of each face of the list there is an entry in `changed` and in `is_proxy`, in order.
-        // (All three are appended to together.) Combining numbers those that stand for others by their
-        // places.
+        // Invariant: `changed` and `is_proxy` have an entry for each face of the list, in order:
+        // all three are appended to together. Set operations index `is_proxy` by face number.
         debug_assert!(changed.len() == list.len() as usize && still.len() == changed.len());
         let is_proxy = still.into_iter().map(|still| !still).collect();
         Ok((Rounded { faces: list, is_proxy, exact, changed, moved, displacement, reach }, made))
     }
 }
 
-/// The operand that a surface on the grid is: what it goes around once or more is inside.
+/// Returns the operands for one surface on the grid: points with a positive winding number are
+/// inside.
 fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operands<'a> {
     Operands {
         ends,
@@ -294,7 +314,7 @@ fn operands<'a>(ends: &'a [u32], far: &'a [i32], changed: &'a [bool]) -> Operand
     }
 }
 
-/// Turns faces to the other side; keeps its buffers from face to face.
+/// Reverses faces; keeps its buffers from face to face.
 #[derive(Default)]
 pub(crate) struct Turner {
     points: Vec<[i32; 3]>,

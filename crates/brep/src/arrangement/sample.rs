@@ -1,4 +1,5 @@
-//! Points inside regions of a plane, and the faces that a line along an axis through such a point meets: exact.
+//! Sample points inside regions of a plane, and the faces that an axis-parallel line through a
+//! sample meets: exact.
 
 use bnum::cast::As;
 use bnum::types::I1024;
@@ -10,22 +11,25 @@ use crate::exact::bounds::{ORDER_ERROR, TURN_ERROR};
 use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::others;
 
-/// A point of a plane by its place as seen along the plane's main axis, in homogeneous coordinates of at most 541 bits.
+/// A point of a plane, by its two coordinates across the plane's main axis. These are homogeneous,
+/// with at most 541 bits.
 pub(crate) struct SamplePoint<'a> {
     pub(super) plane: &'a ExactPlane,
-    /// Invariant: it is the plane's main axis, in whose direction the normal is not 0. So the line along it
-    /// meets the plane in one point: `SamplePoint::side` and `near` divide by that part of the normal.
+    /// Invariant: this is the plane's main axis, so that the normal's component along it is not 0.
+    /// The line along the axis meets the plane in one point: `SamplePoint::side` and `near` divide
+    /// by that component.
     pub(crate) axis: usize,
-    /// Along the two other axes.
+    /// Coordinates along the two other axes.
     at: [I1024; 2],
-    /// Positive.
+    /// Divisor of the coordinates; positive.
     weight: I1024,
-    /// Coordinates and weight once more in fewer bits, if these are below 2^68 and 2^40.
+    /// The same coordinates and weight in fewer bits, if they are below 2^68 and 2^40.
     ///
-    /// Invariant: nothing larger is here, so that products with coordinates and differences of them, of 27
-    /// bits each, are below 2^127. (What overflowed would be a wrong side of an edge.)
+    /// Invariant: no larger numbers are stored here. So products with grid coordinates and their
+    /// differences, of 27 bits each, are below 2^127. (An overflow would be a wrong side of an
+    /// edge.)
     small: Option<([i128; 2], i128)>,
-    /// The point, nearly.
+    /// The point, approximately.
     pub(crate) near: [f64; 3],
 }
 
@@ -38,7 +42,7 @@ fn small(number: i64) -> I1024 {
 }
 
 impl<'a> SamplePoint<'a> {
-    /// The middle of a triangle of the grid.
+    /// Returns the centroid of a triangle on the grid.
     pub(crate) fn of_triangle(plane: &'a ExactPlane, corners: &[[i32; 3]; 3]) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let sum = |axis: usize| corners.iter().map(|corner| i64::from(corner[axis])).sum::<i64>();
@@ -48,13 +52,14 @@ impl<'a> SamplePoint<'a> {
         SamplePoint { plane, axis, at: at.map(small), weight: small(3), small: few, near }
     }
 
-    /// A point inside a region: if the triangle at a convex corner has no other corner inside, the middle of it;
-    /// otherwise the middle of the diagonal to the one that lies deepest in it.
+    /// Returns a point inside a region. It is the centroid of the triangle at a convex vertex, if
+    /// the triangle contains no other vertex. Otherwise it is the midpoint of the diagonal to the
+    /// vertex that is deepest in the triangle.
     pub(crate) fn of_region(plane: &'a ExactPlane, region: &PlaneRegion) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let [u, v] = others(axis);
         let ring = &region.rings[0];
-        // The least point is a convex corner.
+        // The minimum vertex is convex.
         let order = |a: usize, b: usize| {
             let (a, b) = (&ring[a].point, &ring[b].point);
             a.compare(b, u).then_with(|| a.compare(b, v))
@@ -64,14 +69,14 @@ impl<'a> SamplePoint<'a> {
         let (last, next) = (&ring[(least + ring.len() - 1) % ring.len()], &ring[(least + 1) % ring.len()]);
         let (before, after) = (&last.line, &ring[least].line);
         let [last, corner, next] = [last, &ring[least], next].map(|corner| &corner.point);
-        // (The edges' planes tell with less work than three points do.)
+        // (The edges' planes need less work than three points.)
         let sides = (before.side(next), after.side(last));
         let is_in = |point: &ExactPoint| {
             before.side(point) == sides.0
                 && after.side(point) == sides.1
                 && turn(axis, [next, last, point]) > 0
         };
-        // (Depths without the weight of the point itself.)
+        // (Depths lack the factor of the point's own weight.)
         let depth = |point: &ExactPoint| area(axis, [next, last, point]);
         let mut deepest: Option<(&ExactPoint, I1024)> = None;
         let corners = region.rings.iter().flatten().map(|corner| &corner.point);
@@ -91,9 +96,10 @@ impl<'a> SamplePoint<'a> {
         }
     }
 
-    /// A point of few bits in the middle of a triangle; `None` if the triangle is too thin to be sure.
+    /// Returns a point with few bits near the centroid of a triangle; `None` if the triangle is too
+    /// thin to be sure that the point is inside.
     fn near_middle(plane: &'a ExactPlane, corners: [&ExactPoint; 3]) -> Option<SamplePoint<'a>> {
-        /// Parts of a step.
+        /// Fractions of a grid unit.
         const FINE: i64 = 1 << 20;
         let axis = plane.main_axis();
         let [u, v] = others(axis);
@@ -117,7 +123,7 @@ impl<'a> SamplePoint<'a> {
         all.then(|| SamplePoint { plane, axis, at: at.map(small), weight: small(FINE), small: few, near })
     }
 
-    /// The mean of some points.
+    /// Returns the mean of some points.
     pub(crate) fn mean(plane: &'a ExactPlane, points: &[&ExactPoint]) -> SamplePoint<'a> {
         let axis = plane.main_axis();
         let count = points.len();
@@ -136,8 +142,9 @@ impl<'a> SamplePoint<'a> {
         SamplePoint { plane, axis, at, weight, small: few, near }
     }
 
-    /// Whether the line along the axis through the point, moved a little to greater coordinates (along the second axis
-    /// by far less than along the first), meets a polygon: by even and odd.
+    /// Whether the line along the axis through the point meets a polygon, by even-odd parity. The
+    /// line is moved by an infinitesimal vector to greater coordinates, far less along the second
+    /// axis than along the first.
     pub(crate) fn meets(&self, points: &[[i32; 3]], ring_ends: &[usize]) -> bool {
         let mut inside = false;
         let mut start = 0;
@@ -153,17 +160,19 @@ impl<'a> SamplePoint<'a> {
         inside
     }
 
-    /// [`SamplePoint::meets`] for a polygon with corners beside the grid.
+    /// Like [`SamplePoint::meets`], for a polygon with off-grid vertices.
     pub(crate) fn meets_exact(&self, face: &ExactFace) -> bool {
         face.edges().fold(false, |inside, (corner, next)| inside ^ self.passes(&corner.point, next))
     }
 
-    /// Whether an edge passes the point's half-line to greater first coordinates, as seen along the axis.
-    // Invariant: every question sees the sample moved by the same infinitesimal way: to greater first
-    // coordinates, far less to greater second ones, and along its own plane. So ties go the same way here
-    // (nothing is above that is not strictly so), in `SamplePoint::is_between` and in `SamplePoint::side`, and a
-    // closed surface is met as by a line in general position. If two of them took different ways, an edge or
-    // a corner on the line would count twice, or not at all.
+    /// Whether an edge crosses the ray from the point to greater first coordinates, as seen along
+    /// the axis.
+    // Invariant: all predicates treat the sample as moved by the same infinitesimal vector: to
+    // greater first coordinates, far less to greater second ones, and within its own plane. So they
+    // break ties alike: here (only a strictly greater vertex is above), in
+    // `SamplePoint::is_between` and in `SamplePoint::side`. A line then meets a closed surface as a
+    // line in general position does. If two predicates broke ties differently, an edge or a vertex
+    // on the line would count twice or not at all.
     fn passes<P: CornerPlace>(&self, a: &P, b: &P) -> bool {
         let above_b = self.beyond(1, b) > 0;
         if (self.beyond(1, a) > 0) == above_b {
@@ -172,7 +181,8 @@ impl<'a> SamplePoint<'a> {
         match (self.beyond(0, a), self.beyond(0, b)) {
             (1, 1) => true,
             (-1, -1) => false,
-            // Going up, the point is to the left of an edge that passes at a greater coordinate.
+            // If the point is to the left of an upward edge, the edge crosses at a greater
+            // coordinate.
             _ => {
                 let turn = a.turn(b, self);
                 turn != 0 && (turn > 0) == above_b
@@ -180,7 +190,8 @@ impl<'a> SamplePoint<'a> {
         }
     }
 
-    /// The sign of the difference of a corner's first or second coordinate from the point's.
+    /// Returns the sign of the difference of a vertex's first or second coordinate from the
+    /// point's.
     fn beyond(&self, place: usize, corner: &impl CornerPlace) -> i32 {
         let axis = others(self.axis)[place];
         let difference = corner.near(axis) - self.near[axis];
@@ -190,11 +201,11 @@ impl<'a> SamplePoint<'a> {
         corner.beyond(self, place)
     }
 
-    /// Whether the line along the axis through the point, moved as in [`SamplePoint::meets`], goes between two corners of a box in half
-    /// steps.
+    /// Whether the line along the axis through the point, moved as in [`SamplePoint::meets`],
+    /// passes between two corners of a box in half grid units.
     pub(crate) fn is_between(&self, low: &[i64; 3], high: &[i64; 3]) -> bool {
         let axes = others(self.axis);
-        // (Moved to greater coordinates, it is beyond what it was at.)
+        // (The moved line is beyond a bound that the point is exactly at.)
         let is_beyond = |place: usize, at: i64| {
             let difference = at as f64 / 2.0 - self.near[axes[place]];
             if difference.abs() > ORDER_ERROR {
@@ -208,7 +219,8 @@ impl<'a> SamplePoint<'a> {
         (0..2).all(|place| is_beyond(place, low[axes[place]]) && !is_beyond(place, high[axes[place]]))
     }
 
-    /// The side of a plane on which a place of the line lies that is so many half steps along the axis; 0 in the plane.
+    /// Returns the side of a plane on which a point of the line lies, given by its coordinate along
+    /// the axis in half grid units; 0 in the plane.
     pub(crate) fn height_at(&self, plane: &ExactPlane, half: i64) -> i32 {
         let mut near = self.near;
         near[self.axis] = half as f64 / 2.0;
@@ -221,8 +233,9 @@ impl<'a> SamplePoint<'a> {
         sign(&(along + along + its(self.axis) * small(half) * self.weight))
     }
 
-    /// The side of a plane on which the point lies; where it lies on it, that on which it comes to lie when it is moved
-    /// as in [`SamplePoint::meets`], in its own plane. 0 if the planes are the same.
+    /// Returns the side of a plane on which the point lies. If it is in the plane, the side to
+    /// which it moves, as in [`SamplePoint::meets`], within its own plane. 0 if the planes are
+    /// equal.
     pub(crate) fn side(&self, plane: &ExactPlane) -> i32 {
         if let Some(side) = plane.side_near(self.near) {
             return side;
@@ -245,14 +258,15 @@ impl<'a> SamplePoint<'a> {
     }
 }
 
-/// A corner of a polygon, as seen from a sample.
+/// A vertex of a polygon, as seen from a sample.
 trait CornerPlace {
     fn near(&self, axis: usize) -> f64;
 
-    /// The sign of the difference of a coordinate from the sample's.
+    /// Returns the sign of the difference of a coordinate from the sample's.
     fn beyond(&self, sample: &SamplePoint<'_>, place: usize) -> i32;
 
-    /// Whether the sample lies to the left (1) of the edge to another corner, to the right (-1), or on its line.
+    /// Whether the sample is to the left (1) of the edge to another vertex, to the right (-1), or
+    /// on its line.
     fn turn(&self, to: &Self, sample: &SamplePoint<'_>) -> i32;
 }
 
@@ -306,7 +320,7 @@ impl CornerPlace for ExactPoint {
         if area.abs() > (size + 1.0) * TURN_ERROR {
             return if area > 0.0 { 1 } else { -1 };
         }
-        // (197 and 171 bits in corners, 541 and 515 in the sample: 912 in all.)
+        // (Vertices have 197 and 171 bits, the sample 541 and 515: 912 in all.)
         let minor = |p: [I1024; 2], q: [I1024; 2]| p[0] * q[1] - p[1] * q[0];
         let [from, to] = [self, b].map(|point| [u, v].map(|axis| widen(point.at[axis])));
         let [from_weight, to_weight] = [self, b].map(|point| widen(point.weight));

@@ -1,8 +1,10 @@
-//! Seams: edges of a surface that have no counterpart, closed by faces that have no area, or next to none.
+//! Seams: edges of a surface that have no counterpart. They are closed by faces with no area, or
+//! almost none.
 //!
-//! Where a vertex of one face lies on an edge of another, a surface is closed as a set of points, but not edge by edge: models
-//! have faces without an area there. Such faces are on no side of anything, so that no operation can tell what becomes of them;
-//! they are left out, and put wherever the result needs them.
+//! Where a vertex of one face lies on an edge of another, a surface is closed as a point set, but
+//! not edge by edge. Models have faces without area there. Such faces have no sides, so a set
+//! operation cannot determine their fate. They are left out, and made again where the result needs
+//! them.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,42 +14,42 @@ use crate::planar::PlanarFaces;
 use crate::{Face, FaceList, Faces};
 use spinney_base::{Progress, Result, sort};
 
-/// An edge; of an undirected one the lesser end comes first.
+/// An edge; if undirected, the lesser end comes first.
 type Edge = [[i32; 3]; 2];
 
 /// Count of an undirected edge, and a face that has it.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seam {
-    /// How many times more it is there in its direction than the other way.
+    /// How often it occurs in its direction, minus how often in the opposite one.
     surplus: i32,
-    /// Of a face that has it.
+    /// Part and source of a face that has it.
     part: u32,
     source: u64,
-    /// Whether it is looked at where all its faces cancel, too.
+    /// Whether the edge is kept when its count is 0.
     is_watched: bool,
 }
 
-/// Edges of a surface that have no counterpart so far, and others that are looked at.
+/// Edges of a surface without a counterpart so far, and watched edges.
 #[derive(Debug, Default)]
 pub(crate) struct Seams(HashMap<Edge, Seam>);
 
 impl Seams {
-    /// Watches the edges that others are open at.
+    /// Watches the open edges of other seams.
     pub(crate) fn watch(&mut self, open: Seams) {
         let open = open.0.into_iter();
         self.0.extend(open.map(|(edge, seam)| (edge, Seam { surplus: 0, is_watched: true, ..seam })));
     }
 
-    /// Bytes of memory that they take.
+    /// Returns the memory use in bytes.
     pub(crate) fn bytes(&self) -> u64 {
-        // (A table is half empty after it has grown.)
+        // (A hash table is half empty after it has grown.)
         (2 * self.0.len() * (size_of::<(Edge, Seam)>() + 1)) as u64
     }
 
     /// Counts the edges of all faces of a list.
     ///
     /// # Errors
-    /// On interruption.
+    /// On cancellation.
     pub(crate) fn add_all(&mut self, faces: &FaceList, progress: &dyn Progress) -> Result<()> {
         for number in 0..faces.len() as usize {
             if number.is_multiple_of(1 << 12) {
@@ -71,7 +73,7 @@ impl Seams {
         }
     }
 
-    /// Whether the same edges are open as often.
+    /// Whether the same edges are open, equally often.
     pub(crate) fn are_those_of(&self, other: &Seams) -> bool {
         self.0.len() == other.0.len()
             && self
@@ -80,7 +82,7 @@ impl Seams {
                 .all(|(edge, seam)| other.0.get(edge).is_some_and(|own| own.surplus == seam.surplus))
     }
 
-    /// Counts those edges of a face that are open or watched.
+    /// Counts the edges of a face that are open or watched.
     pub(crate) fn add_watched(&mut self, face: &Face<'_>) {
         if self.0.is_empty() {
             return;
@@ -93,15 +95,15 @@ impl Seams {
         }
     }
 
-    /// Hands out faces that have what all edges lack. Faces wider than `width` steps of the grid are none of them: what lacks these
-    /// is no closed surface.
+    /// Yields faces that have the missing edges. Faces wider than `width` grid units are left out:
+    /// a surface that lacks these is not closed.
     pub(crate) fn close(
         self,
         width: u8,
         is_coloured: bool,
         each: &mut dyn FnMut(&Face<'_>) -> Result<()>,
     ) -> Result<()> {
-        // The ways that are to be gone, by their beginnings.
+        // Missing directed edges, by their starts.
         let mut ways: BTreeMap<[i32; 3], Vec<([i32; 3], Seam)>> = BTreeMap::new();
         for (edge, seam) in self.0 {
             let [from, to] = if seam.surplus > 0 { [edge[1], edge[0]] } else { edge };
@@ -121,10 +123,11 @@ impl Seams {
             }
             path.clear();
             places.clear();
-            // Invariant: as many ways lead to a point as from it, since what is counted are rings: those of
-            // all faces, and of the far ones the edges that are watched, the others of which cancel. So a way
-            // ends where it began; where a point is reached again, a ring is complete. Of a surface that is
-            // not closed, what is left of a way at its end stays open.
+            // Invariant: as many missing edges start at a point as end there, since all counted
+            // edges are of rings: of all rings of the list's faces; and of settled faces, the
+            // watched edges, since their other edges cancel. So a path ends where it started, and a
+            // repeated point completes a ring. If the surface is not closed, the rest of a path
+            // stays open.
             while let Some((to, seam)) = ways.get_mut(&at).and_then(Vec::pop) {
                 places.insert(at, path.len());
                 path.push((at, seam));
@@ -156,12 +159,13 @@ impl Seams {
     }
 }
 
-/// An edge's lesser end and the other, and whether that is its direction: 1 or -1.
+/// Returns an edge with the lesser end first, and 1 if that is its direction, otherwise -1.
 fn undirected([from, to]: Edge) -> (Edge, i32) {
     if from < to { ([from, to], 1) } else { ([to, from], -1) }
 }
 
-/// Whether all corners of a ring lie within so many steps of the line through its two ends, which are as far apart as any.
+/// Whether all vertices of a ring are within `width` grid units of the line through its two ends,
+/// the vertices that are farthest apart.
 fn is_thin(ring: &[[i32; 3]], width: u8) -> bool {
     let minus = |a: [i32; 3], b: [i32; 3]| subtract(a.map(i128::from), b.map(i128::from));
     let furthest = |from: [i32; 3]| {
@@ -171,14 +175,14 @@ fn is_thin(ring: &[[i32; 3]], width: u8) -> bool {
         };
         ring.iter().max_by_key(distance).copied().unwrap_or(from)
     };
-    // (Of a thin ring, what is furthest from any point is an end.)
+    // (In a thin ring, the vertex farthest from any point is an end.)
     let from = furthest(ring[0]);
     let along = minus(furthest(from), from);
     let length = dot(along, along);
     ring.iter().all(|at| {
         let there = minus(*at, from);
         let place = dot(there, along);
-        // The square of the distance from the line times that of its length.
+        // Squared distance from the line, times the line's squared length.
         dot(there, there) * length - place * place <= i128::from(width).pow(2) * length
     })
 }
@@ -203,7 +207,7 @@ mod tests {
         found
     }
 
-    /// A tetrahedron, of which one face is cut at a vertex on the edge of another.
+    /// A tetrahedron, one face of which is cut at a vertex on another face's edge.
     #[test]
     fn vertices_on_edges_are_closed() {
         let [a, b, c, d, on] = [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8], [3, 0, 0]];
@@ -216,7 +220,7 @@ mod tests {
         cut.iter().for_each(|points| seams.add(&face(points)));
         let found = closed(seams);
         assert_eq!(found, [[a, b, on]]);
-        // The same where three of the faces are far: what is left out is among those that they were near to.
+        // The same with three settled faces: the zero-area face is among the near ones.
         let mut near = Seams::default();
         [cut[1], cut[2], [a, b, on]].iter().for_each(|points| near.add(&face(points)));
         let mut seams = Seams::default();

@@ -1,20 +1,21 @@
-//! Edges bent to vertices that they pass closer than a step of the grid.
+//! Snapping of edges to vertices that they pass closer than a grid unit.
 //!
-//! Moving vertices to the grid makes triangles so thin that their planes mean nothing, and dividing those by each other
-//! makes more of them. As in snap rounding (Hobby, 1999), an edge therefore goes through every vertex that it comes near:
-//! thin triangles fall together. Which vertices these are depends on the edge alone, so that faces beside each other stay
-//! so.
+//! Rounding vertices makes triangles so thin that their planes mean nothing. Dividing these by each
+//! other makes more of them. So, as in snap rounding (Hobby, 1999), an edge is bent to every vertex
+//! that it comes near, and thin triangles collapse. The choice of vertices depends only on the
+//! edge, so adjacent faces stay adjacent.
 
 use crate::boxes::{BoxTree, touch};
 use crate::exact::vector::{dot, subtract};
 use crate::{Face, FaceList};
 use spinney_base::{Progress, Result, sort};
 
-/// Function that takes faces, and whether each is new.
+/// Visitor of faces, with whether each is new.
 pub(super) type EachFace<'a> = dyn FnMut(&Face<'_>, bool) -> Result<()> + 'a;
 
-/// Hands out all faces, with corners added where edges pass some vertices closer than a step, and whether that was so
-/// or they were changed before: such faces may have corners that do not lie in one plane, or that fall together.
+/// Yields all faces, with vertices added where edges pass closer than a grid unit to one of
+/// `vertices`. A face is new if vertices were added, or if it was changed before. The vertices of a
+/// new face may be coincident or not coplanar.
 pub(super) fn snap(
     faces: &FaceList,
     vertices: &[[i32; 3]],
@@ -56,7 +57,8 @@ pub(super) fn snap(
     Ok(())
 }
 
-/// Vertices that an edge passes closer than a step, in its order: the same from both sides.
+/// Collects the vertices that an edge passes closer than a grid unit, in its order: the same for
+/// both directions.
 fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], near: &mut Vec<[i32; 3]>) {
     near.clear();
     let reach = [
@@ -71,15 +73,15 @@ fn between(tree: &BoxTree, vertices: &[[i32; 3]], [from, to]: [[i32; 3]; 2], nea
         let vertex = vertices[number as usize];
         let there = minus(vertex, from);
         let place = dot(there, along);
-        // The square of the distance from the edge's line times that of its length.
+        // Squared distance from the edge's line, times the edge's squared length.
         let distance = dot(there, there) * length - place * place;
         if place > 0 && place < length && distance < length {
             found.push((place, vertex));
         }
     });
-    // Invariant: what an edge is bent to is the same from both of its faces: the vertices are found by whole
-    // numbers that do not depend on its direction, and those at one place along it are in an order that is
-    // turned round for who goes the other way. Otherwise closed surfaces would come out open.
+    // Invariant: both faces of an edge bend it in the same way. The vertices are chosen by integers
+    // that do not depend on the edge's direction. Vertices at the same position along the edge have
+    // an order that reverses with the direction. Otherwise closed surfaces would become open.
     let is_forward = from < to;
     sort::by(&mut found, &mut |a, b| {
         a.0.cmp(&b.0).then_with(|| if is_forward { a.1.cmp(&b.1) } else { b.1.cmp(&a.1) })

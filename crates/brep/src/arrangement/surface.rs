@@ -1,4 +1,24 @@
-//! Faces with what bounds no body taken away: by winding numbers of the surfaces that they belong to.
+//! Selection of the faces that bound the result, by the winding numbers on both sides of each.
+//!
+//! [`resolve`] works in these steps:
+//!
+//! 1. It finds the contacts: pairs of faces with more in common than neighbours have.
+//! 2. Faces without contacts form components, connected by edges that exactly two faces share. The
+//!    winding numbers in front of a component and at its back are the same everywhere, so one
+//!    sample point decides for the component.
+//! 3. A face with contacts is divided into regions ([`Surface::divide`]): by the segments that it
+//!    shares with other faces, and by their edges in its plane. Nothing else meets the inside of a
+//!    region, so one sample point decides for the region.
+//! 4. For a sample, `Surface::fate` computes two winding numbers of each operand: just above and
+//!    just below the face. "Above" is the positive direction of the main axis of the face's plane.
+//!    The number above is the number at infinity plus the change at each face that a ray upwards
+//!    crosses: 1 if the face is oriented upwards, -1 if downwards. The number below is the number
+//!    above plus the change at the faces that contain the sample, of which there are several where
+//!    faces coincide. For a body (winding numbers 0 and 1), a face at the sample determines both
+//!    numbers, and the octree has the numbers of other bodies, so no ray is needed.
+//! 5. [`Operands::is_inside`] maps the numbers of all operands on one side to "inside" or
+//!    "outside". If both sides are equal, the region is removed. Otherwise it stays, and is
+//!    reversed if its front would be inside. Of coincident faces, one stays.
 
 use std::borrow::Cow;
 use std::cell::{Cell, RefCell};
@@ -25,76 +45,80 @@ use crate::{Face, Faces};
 use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result, SilentProgress, SubProgress, sort};
 
-/// Counts of what was done to a surface.
+/// Report of the division of a surface.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Resolved {
-    /// Pairs of faces that have more in common than neighbours have.
+    /// Pairs of faces with more in common than neighbours have.
     pub(crate) pairs: u64,
-    /// Faces that were divided, or of which a part was taken away.
+    /// Faces that were divided or trimmed.
     pub(crate) divided: u64,
-    /// Faces that were taken away as a whole.
+    /// Faces that were removed as a whole.
     pub(crate) removed: u64,
-    /// Those of them that have the outside on both of their sides, at least in part.
+    /// Removed faces with the outside on both sides, at least of a region.
     pub(crate) outside: u64,
     /// Their share of the area of all faces.
     pub(crate) outside_share: f64,
-    /// Parts of the surface that were turned, and its volume then, in cubes of steps; 0 where nothing was to be turned.
+    /// Components that were reversed, and the volume after that, in cubic grid units; 0 if
+    /// `turns_roots` is off.
     pub(crate) turned: Turned,
 }
 
-/// Surfaces whose faces stand one behind the other in a list, and what of space is inside of the result.
+/// Surfaces, in one list of faces, and the rule which points are inside the result.
 #[derive(Clone, Copy)]
 pub(crate) struct Operands<'a> {
-    /// Where each one's faces end in the list.
+    /// End index of each surface's faces in the list.
     pub(crate) ends: &'a [u32],
-    /// How many times each goes around what is far away: 0, or 1 where it bounds what is outside of it.
+    /// Winding number of each surface at infinity: 0, or 1 if the surface bounds its exterior.
     pub(crate) far: &'a [i32],
-    /// Whether each bounds a body by itself: its winding numbers are 0 or 1, and its faces do not pass through each other.
+    /// Whether each surface bounds a body: its winding numbers are 0 or 1, and its faces do not
+    /// intersect each other.
     pub(crate) are_bodies: bool,
-    /// Whether parts of a surface that are inside out are turned first, with all that is inside of them.
-    pub(crate) turns_roots: bool,
-    /// Pairs of faces with more in common than neighbours have beyond which the work is refused; no bound where that is 0.
-    pub(crate) most_contacts: u64,
-    /// Whether regions of a face that lie beside each other stay apart, instead of becoming one.
-    pub(crate) keeps_apart: bool,
-    /// If there are any: the faces of which each may pass through any other; no other pair does.
-    pub(crate) changed: &'a [bool],
-    /// The winding number of a body around a point that lies on none of its faces, if another way is known than through all of
+    /// Whether components that are inside out are reversed first, with all components inside of
     /// them.
+    pub(crate) turns_roots: bool,
+    /// Maximum count of contacts, beyond which the work is refused; 0 for no limit.
+    pub(crate) most_contacts: u64,
+    /// Whether adjacent regions of a face stay separate instead of being merged.
+    pub(crate) keeps_apart: bool,
+    /// If not empty: which faces may intersect others. Pairs without such a face are not tested.
+    pub(crate) changed: &'a [bool],
+    /// Returns the winding number of a body around a point on none of its faces, if it can be had
+    /// without a ray through all faces in the list.
     pub(crate) winding: &'a (dyn Fn(usize, &SamplePoint<'_>) -> Option<Result<i32>> + Sync),
-    /// If the list has only a part of one surface: what its other faces above a sample, which touch none of the list's but neighbours,
-    /// change in the winding number.
+    /// If the list is only a part of one surface: the change of the winding number above a sample
+    /// by the other faces. These touch no face of the list, except for neighbours.
     pub(crate) rest: Option<&'a OtherFaces<'a>>,
-    /// Whether places which they go around so many times are inside.
+    /// Whether points with these winding numbers, one per surface, are inside.
     pub(crate) is_inside: &'a (dyn Fn(&[i32]) -> bool + Sync),
 }
 
-/// Function that returns the change in the winding number of a surface above a sample by faces that are in no list.
+/// Returns the change of a surface's winding number above a sample by faces that are in no list.
 pub(crate) type OtherFaces<'a> = dyn Fn(&SamplePoint<'_>) -> Result<i32> + Sync + 'a;
 
-/// Remains of a face.
+/// What is left of a face.
 pub(super) enum Kept<'a> {
-    /// The face, or its back.
+    /// The whole face, or its reverse.
     Face { face: Face<'a>, is_turned: bool },
-    /// A part of the face or of its back, which is no longer as it was.
+    /// A region of the face or of its reverse.
     PlaneRegion { face: Face<'a>, exact: ExactFace },
 }
 
-/// Faces, or edges, between two looks at whether to go on.
+/// Faces, or edges, between two checks for cancellation.
 pub(super) const OFTEN: u32 = 1 << 12;
 
-/// Bytes that a triangle takes while a surface is resolved, apart from the list that it comes in.
+/// Bytes per triangle while a surface is resolved, apart from the list of faces.
 pub(crate) const FACE: u64 = (size_of::<ExactPlane>() + BOX + 3 * 40 + 16) as u64;
 
-/// Hands out the faces that bound what is inside, in the order of those that they come from. Where faces pass through each
-/// other, they are divided; where they lie on each other, one stays. Surfaces have to be closed. Faces without an area stay where
-/// all around them does; of bodies none stays, so that vertices may lie on edges.
+/// Yields the faces that bound the inside, in the order of their origins. Intersecting faces are
+/// divided; of coincident faces, one stays. Surfaces must be closed. Faces without area stay where
+/// their component does; of bodies none stays, so that vertices may lie on edges.
 ///
-/// All faces are held in memory; planes, boxes and edges take about 250 bytes each. The result depends on no number of
-/// threads. Progress counts each face twice: when it was looked at for others that it meets, and when its fate is known.
+/// All faces are in memory. Planes, boxes and edges take about 250 bytes per face. The result does
+/// not depend on the number of threads. Progress counts each face twice: after its contacts are
+/// found, and when its fate is known.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, on interruption, or what `each` returns.
+/// If `memory` bytes are insufficient, on cancellation, or errors of `each`.
 pub(super) fn resolve(
     faces: &ExactFaces,
     operands: &Operands<'_>,
@@ -123,7 +147,7 @@ pub(super) fn resolve(
     let mut divided_faces = 0;
     let mut divided: Vec<u32> = of_face.keys().copied().collect();
     sort::numbers32(&mut divided);
-    // Some at a time, so that regions do not pile up.
+    // In batches, to limit the number of regions in memory.
     const BATCH: usize = 1 << 12;
     let mut regions_of: HashMap<u32, Divided> = HashMap::new();
     let mut next = 0;
@@ -177,7 +201,7 @@ pub(super) fn resolve(
                     each(Kept::Face { face, is_turned: *is_turned })?
                 }
                 fate if has_area => remove(&face, matches!(fate, Some(Fate::Outside))),
-                // (What has no area is nothing that is missed.)
+                // (Faces without area do not count as removed.)
                 _ => {}
             }
         }
@@ -190,7 +214,8 @@ pub(super) fn resolve(
     Ok(Resolved { pairs, divided, removed, outside, outside_share, turned })
 }
 
-/// Counts the pairs of faces that have more in common than neighbours have. Progress does not count.
+/// Counts the contacts: pairs of faces with more in common than neighbours have. Does not advance
+/// the progress.
 pub(super) fn crossings(
     faces: &ExactFaces,
     operands: &Operands<'_>,
@@ -215,13 +240,13 @@ pub(super) fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
 /// Components by their first faces, each with a face that has an area.
 type Samples = Vec<(u32, u32)>;
 
-/// A face's regions that stay.
+/// The regions of a face that stay.
 #[derive(Default)]
 struct Divided {
     regions: Vec<ExactFace>,
-    /// Whether a region went that has nothing inside on either of its sides.
+    /// Whether a region was removed that has the outside on both sides.
     is_outside: bool,
-    /// If all of the face stays just as it is: whether it is turned to the other side.
+    /// If the whole face stays unchanged: whether it is reversed.
     whole: Option<bool>,
 }
 
@@ -229,25 +254,25 @@ struct Divided {
 pub(crate) struct Surface<'a> {
     pub(super) faces: &'a ExactFaces,
     pub(super) operands: &'a Operands<'a>,
-    /// Of a model, for errors.
+    /// Path of a model, for errors.
     pub(super) path: &'a Path,
-    /// Memory that faces, planes and boxes take.
+    /// Memory of faces, planes and boxes, in bytes.
     pub(super) bytes: u64,
-    /// None of faces without an area.
+    /// Planes of the faces; `None` for a face without area.
     pub(super) planes: Vec<Option<ExactPlane>>,
-    /// Whether each face is of a part that is turned, unless there is none.
+    /// Whether each face's component is reversed; empty if none is.
     pub(super) turned: Vec<bool>,
-    /// A tree over the faces' boxes, made when it is asked for first.
+    /// A tree over the faces' boxes, built on first use.
     tree: OnceLock<BoxTree>,
-    /// Triangles of the faces that are no triangles.
+    /// Triangles of the faces that are not triangles.
     pieces: HashMap<u32, Vec<Piece>>,
 }
 
 impl<'a> Surface<'a> {
-    /// The surfaces of operands. `path` is for errors.
+    /// Computes the planes and triangles of the operands' faces. `path` is for errors.
     ///
     /// # Errors
-    /// If their planes and boxes do not fit into the memory, or on interruption.
+    /// If planes and boxes do not fit into the memory, or on cancellation.
     pub(crate) fn new(
         faces: &'a ExactFaces,
         operands: &'a Operands<'a>,
@@ -262,7 +287,7 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// The error of what is made of the surfaces, and would need more memory than there is.
+    /// Returns the error for a result that would exceed the memory.
     pub(crate) fn too_large(&self, memory: u64) -> Error {
         too_large(self.path, memory.saturating_add(1), memory)
     }
@@ -301,12 +326,12 @@ impl<'a> Surface<'a> {
         Ok(Surface { faces, operands, path, bytes, planes, turned, tree, pieces })
     }
 
-    /// A tree over the boxes of all faces that have an area.
+    /// Returns a tree over the boxes of all faces with an area.
     pub(crate) fn boxes(&self) -> &BoxTree {
         self.tree.get_or_init(|| BoxTree::of(self.boxes_with_area(0..self.planes.len() as u32)))
     }
 
-    /// Makes the tree of [`Surface::boxes`] if it is not there yet.
+    /// Builds the tree of [`Surface::boxes`], unless it exists.
     pub(super) fn make_boxes(&self, progress: &dyn Progress) -> Result<()> {
         if self.tree.get().is_none() {
             let tree = self.boxes_of(0..self.planes.len() as u32, progress)?;
@@ -315,7 +340,7 @@ impl<'a> Surface<'a> {
         Ok(())
     }
 
-    /// A tree over the boxes of those of some faces that have an area.
+    /// Returns a tree over the boxes of those of `faces` that have an area.
     pub(super) fn boxes_of(&self, faces: Range<u32>, progress: &dyn Progress) -> Result<BoxTree> {
         BoxTree::watched(&self.boxes_with_area(faces), progress)
     }
@@ -325,23 +350,23 @@ impl<'a> Surface<'a> {
         faces.filter(has_area).map(|face| (face, self.bounds(face))).collect()
     }
 
-    /// The face, if it has corners beside the grid.
+    /// Returns the exact face, if the face has vertices off the grid.
     pub(super) fn exact(&self, face: u32) -> Option<&'a ExactFace> {
         self.faces.exact.get(&face)
     }
 
-    /// The face of the surfaces' list.
+    /// Returns the face from the list: exact faces have rounded vertices there.
     pub(crate) fn face(&self, face: u32) -> Face<'a> {
         self.faces.list.get(face as usize)
     }
 
-    /// The face as one that may have such corners.
+    /// Returns the face as an exact face.
     pub(crate) fn polygon(&self, face: u32) -> Cow<'a, ExactFace> {
         let of_grid = || ExactFace::of_grid(&self.faces.list.get(face as usize), self.plane(face));
         self.exact(face).map_or_else(|| Cow::Owned(of_grid()), Cow::Borrowed)
     }
 
-    /// The box around a face.
+    /// Returns the box around a face.
     pub(super) fn bounds(&self, face: u32) -> Bounds {
         self.faces.bounds(face)
     }
@@ -352,19 +377,19 @@ impl<'a> Surface<'a> {
             .unwrap_or_else(|| unreachable!("only faces with an area are asked for"))
     }
 
-    /// The operand that a face belongs to.
+    /// Returns the operand of a face.
     pub(crate) fn operand(&self, face: u32) -> usize {
         self.operands.ends.partition_point(|end| *end <= face)
     }
 
-    /// A face that is a triangle of the grid.
+    /// Returns a face that is a triangle with vertices on the grid.
     pub(super) fn triangle(&self, face: u32) -> Option<Piece> {
         let points = self.faces.list.get(face as usize).points;
         let corners: [[i32; 3]; 3] = points.try_into().ok()?;
         self.exact(face).is_none().then(|| Piece::of_triangle(corners))
     }
 
-    /// Looks at a face as triangles.
+    /// Passes the triangles of a face.
     pub(super) fn with_pieces<R>(&self, face: u32, look: impl FnOnce(&[Piece]) -> R) -> R {
         match self.pieces.get(&face) {
             Some(pieces) => look(pieces),
@@ -375,8 +400,8 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// The component of each face that touches nothing but its neighbours, by its first face, and for each of these a face of it
-    /// that has an area; others are components of their own, which are not told.
+    /// Returns the component of each face without contacts, by its first face, and one face with an
+    /// area per component. Other faces are components of their own, without a sample.
     fn components(
         &self,
         touching: &HashMap<u32, Vec<u32>>,
@@ -385,10 +410,10 @@ impl<'a> Surface<'a> {
         let count = self.planes.len() as u32;
         let mut sets = UnionFind::new(count as usize);
         let edges = self.sorted_edges(progress)?;
-        // Invariant: all faces of a component have the same winding numbers in front of them, and behind.
-        // Those that are joined meet at an edge that no third face has, and nothing else touches either, so
-        // that nothing parts them. One sample decides for all of a component: if two of its faces lay on
-        // different sides of something, one of them would stay or go with the other.
+        // Invariant: all faces of a component have the same winding numbers in front, and the same
+        // at the back. Joined faces share an edge that no third face has, and have no contacts, so
+        // no other face separates them. If two faces of a component were on different sides of
+        // another surface, one of them would get the other's fate.
         for (number, edge) in edges.chunk_by(|a, b| a.0 == b.0).enumerate() {
             if number.is_multiple_of(OFTEN as usize) {
                 progress.check()?;
@@ -402,7 +427,7 @@ impl<'a> Surface<'a> {
         }
         drop(edges);
         let components = sets.roots();
-        // (Faces without an area have no side; they go with their neighbours.)
+        // (Faces without area have no sides, and follow their neighbours.)
         let mut firsts = vec![u32::MAX; count as usize];
         for face in (0..count).filter(|face| self.planes[*face as usize].is_some()) {
             let first = &mut firsts[components[face as usize] as usize];
@@ -415,7 +440,7 @@ impl<'a> Surface<'a> {
         Ok((components, firsts))
     }
 
-    /// The edges of all faces, whatever their directions, each with its face.
+    /// Returns the undirected edges of all faces, sorted, each with its face.
     pub(super) fn sorted_edges(&self, progress: &dyn Progress) -> Result<Vec<([VertexKey; 2], u32)>> {
         let mut edges: Vec<([VertexKey; 2], u32)> = Vec::new();
         let mut vertices = Vertices::default();
@@ -458,7 +483,7 @@ impl<'a> Surface<'a> {
         }
     }
 
-    /// Hands out the faces in whose boxes a sample lies.
+    /// Yields the faces whose boxes contain a sample.
     pub(crate) fn each_at(&self, sample: &SamplePoint<'_>, each: impl FnMut(u32)) {
         let near = sample.near;
         let holds = |[low, high]: &Bounds| {
@@ -469,7 +494,7 @@ impl<'a> Surface<'a> {
         self.boxes().each(&holds, each);
     }
 
-    /// Divides a face by what touches it.
+    /// Divides a face along its contacts, and selects the regions that stay.
     fn divide(
         &self,
         face: u32,
@@ -492,10 +517,11 @@ impl<'a> Surface<'a> {
             let line = *self.plane(other);
             segments.extend(contact.segments.iter().map(|ends| PlaneSegment { ends: *ends, line }));
             points.extend_from_slice(&contact.points);
-            // Edges in the plane divide it, wherever they were cut into triangles.
+            // Edges in the plane divide the face, also those at which faces were cut into
+            // triangles.
             self.edges(other, axis, |segment| {
                 if segment.ends.iter().all(|end| plane.side(end) == 0) {
-                    // (The line of an edge may be a plane that this face lies in.)
+                    // (The plane of an edge may be this face's own plane.)
                     let line = if plane.is(&segment.line) { line } else { segment.line };
                     segments.push(PlaneSegment { line, ..segment });
                 }
@@ -503,11 +529,11 @@ impl<'a> Surface<'a> {
         }
         let own = self.faces.list.get(face as usize);
         let (failed, is_outside) = (RefCell::new(None), Cell::new(false));
-        // Regions with different numbers stay apart.
+        // Distinct numbers keep regions separate.
         let number = Cell::new(0u32);
         let choose = |region: &PlaneRegion| {
             let sample = SamplePoint::of_region(plane, region);
-            // Edges of others may have made regions outside of the face.
+            // Edges of other faces may enclose regions outside of the face.
             if progress.interrupted() || !self.meets(&sample, face) {
                 return None;
             }
@@ -541,7 +567,7 @@ impl<'a> Surface<'a> {
         Ok(Divided { regions: regions.collect(), is_outside: is_outside.get(), whole })
     }
 
-    /// Whether a region has no corners but those of a face.
+    /// Whether all vertices of a region are vertices of the face.
     fn is_same(&self, face: u32, region: &PlaneRegion) -> bool {
         let own = self.polygon(face);
         region
@@ -551,7 +577,7 @@ impl<'a> Surface<'a> {
             .all(|corner| own.corners.iter().any(|known| known.point.is(&corner.point)))
     }
 
-    /// Hands out the edges of a face; those between points of the grid with planes along an axis.
+    /// Yields the edges of a face. The planes of edges between grid points are parallel to `axis`.
     pub(crate) fn edges(&self, face: u32, axis: usize, mut each: impl FnMut(PlaneSegment)) {
         if let Some(exact) = self.exact(face) {
             return exact.edges().for_each(|(corner, next)| {
@@ -568,7 +594,7 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// The area of a face, in squares of steps; its holes go round the other way.
+/// Returns the area of a face, in square grid units. Holes have the opposite orientation.
 fn area(face: &Face<'_>) -> f64 {
     let mut sum = [0.0; 3];
     for ring in face.rings() {
@@ -578,7 +604,7 @@ fn area(face: &Face<'_>) -> f64 {
     sum.map(|part| part * part).iter().sum::<f64>().sqrt() / 2.0
 }
 
-/// The edges of a face.
+/// Yields the edges of a face.
 fn edges_of<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
     face.rings().flat_map(|ring| (0..ring.len()).map(move |i| [ring[i], ring[(i + 1) % ring.len()]]))
 }

@@ -1,4 +1,4 @@
-//! Exact points in the world: the doubles nearest to them.
+//! Conversion of exact points to world coordinates, as the nearest doubles.
 
 use bnum::cast::As;
 use bnum::types::{I512, U512, U1024};
@@ -7,8 +7,9 @@ use super::point::ExactPoint;
 use crate::Grid;
 
 impl ExactPoint {
-    /// The point in the world: that of the grid as models have it, any other one by coordinates that are rounded once. Those of a point that
-    /// is none, which only faces have that are not flat, are no numbers.
+    /// Returns the point in world coordinates. A grid point is converted as in models; the
+    /// coordinates of other points are rounded once. An undefined point, which only a face that is
+    /// not flat can have, becomes NaN.
     pub(crate) fn to_world(self, grid: &Grid) -> [f64; 3] {
         if let Some(at) = self.on_grid() {
             return grid.to_world(at);
@@ -30,14 +31,14 @@ impl ExactPoint {
     }
 }
 
-/// A positive double as a whole number and the power of two that it is multiplied by.
+/// Splits a positive double into an integer and the exponent of a power of two.
 fn parts(number: f64) -> (u64, i32) {
     let bits = number.to_bits();
     let (exponent, fraction) = ((bits >> 52 & 0x7ff) as i32, bits & ((1 << 52) - 1));
     if exponent == 0 { (fraction, -1074) } else { (fraction | 1 << 52, exponent - 1075) }
 }
 
-/// The double nearest to a quotient, times a power of two.
+/// Returns the double nearest to a quotient times a power of two.
 fn quotient(numerator: U512, denominator: U512, power: i32) -> f64 {
     let shift: i32 = 64 + denominator.bit_width() as i32 - numerator.bit_width() as i32;
     let (mut numerator, mut denominator): (U1024, U1024) = (numerator.as_(), denominator.as_());
@@ -46,10 +47,10 @@ fn quotient(numerator: U512, denominator: U512, power: i32) -> f64 {
     } else {
         denominator <<= shift.unsigned_abs()
     }
-    // Of 64 bits or 65: what is left over decides where the rest is just one half.
+    // 64 or 65 bits. A nonzero remainder sets the lowest bit, so that ties are rounded correctly.
     let mut whole: u128 = (numerator / denominator).as_();
     whole |= u128::from(!(numerator % denominator).is_zero());
-    // (By halves: a power itself may be beyond what doubles have.)
+    // (In two halves, since the power itself may be out of range.)
     let power = power - shift;
     whole as f64 * 2f64.powi(power / 2) * 2f64.powi(power - power / 2)
 }
@@ -65,7 +66,7 @@ mod tests {
         ExactPoint::of(at.map(wide), wide(weight))
     }
 
-    /// Fractions of numbers with few bits are what doubles divide to, which round once as well.
+    /// Quotients of integers with few bits equal the division of doubles, which rounds once, too.
     #[test]
     fn coordinates_are_rounded_once() {
         let grid = Grid { bits: 26, origin: [0, -7, 1 << 40], step: 1.0, divisor: 1.0 };
@@ -81,7 +82,7 @@ mod tests {
             assert_eq!(found[1], (at[1] - 7 * weight) as f64 / weight as f64);
             assert_eq!(found[2], (1u64 << 40) as f64);
         }
-        // A third of a step of a thousandth: one number by another.
+        // A third of a grid unit of a thousandth: a single division.
         let grid = Grid { bits: 26, origin: [0; 3], step: 1.0, divisor: 1000.0 };
         assert_eq!(point([1, 2, 3], 3).to_world(&grid), [1.0 / 3000.0, 2.0 / 3000.0, 0.001]);
         let grid = Grid { bits: 26, origin: [0; 3], step: 1e-290, divisor: 1.0 };

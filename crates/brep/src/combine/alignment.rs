@@ -1,4 +1,4 @@
-//! Operands whose grids have no unit in common: which unit all of them can have, and the operands on it.
+//! Operands whose grids have no common unit: choice of a common unit, and the operands moved to it.
 
 use std::path::{Path, PathBuf};
 
@@ -9,20 +9,20 @@ use spinney_base::io::{FileAccess, Output};
 use spinney_base::{Error, Progress, Result};
 use tempfile::TempDir;
 
-/// Operands on grids of one unit: those that were not there are moved, in temporary files.
+/// Operands on grids with one unit. Operands with another unit are moved, in temporary files.
 pub(super) struct Aligned {
-    /// Of each operand: the moved one, if it was moved.
+    /// Per operand: index of the moved model, if it was moved.
     moved: Vec<Option<usize>>,
     models: Vec<ExactModel>,
-    /// The furthest that a corner was moved, in the models' unit of length.
+    /// Maximum distance that a vertex was moved, in the models' unit of length.
     pub(super) displacement: f64,
-    /// (Removed after the models are closed.)
+    /// (Dropped last, so that the directory is removed after the models are closed.)
     _directory: TempDir,
 }
 
 impl Aligned {
-    /// Moves as few operands as possible, each by as little as possible: the unit is that of one of the operands, multiplied or divided by a
-    /// power of two.
+    /// Moves as few operands as possible, by as little as possible. The common unit is an operand's
+    /// unit times a power of two.
     pub(super) fn of(
         models: &[&ExactModel],
         directory: &Path,
@@ -66,14 +66,14 @@ impl Aligned {
         Ok(Aligned { moved, models: found, displacement, _directory: directory })
     }
 
-    /// The operands, in the order of the original ones.
+    /// Returns the operands in their original order.
     pub(super) fn models<'a>(&'a self, originals: &[&'a ExactModel]) -> Vec<&'a ExactModel> {
         let moved = self.moved.iter().zip(originals);
         moved.map(|(moved, original)| moved.map_or(*original, |index| &self.models[index])).collect()
     }
 }
 
-/// Grids of different units.
+/// Returns the grids with distinct units, finest first.
 fn distinct<'a>(models: &[&'a ExactModel]) -> Vec<&'a Grid> {
     let mut grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
     let key = |grid: &Grid| (grid.width(), grid.step, grid.divisor);
@@ -82,18 +82,19 @@ fn distinct<'a>(models: &[&'a ExactModel]) -> Vec<&'a Grid> {
     grids
 }
 
-/// Bits of coordinates that are left for further operands where no grid needs them.
+/// Coordinate bits that are reserved for further operands, unless a grid needs them.
 const SPARE_BITS: u8 = 2;
 
-/// Names of some units.
+/// Joins the first units' names for a message.
 fn shortened(units: &[String]) -> String {
-    /// Units that are listed.
+    /// Maximum count of listed units.
     const MAX_UNITS: usize = 4;
     let more = if units.len() > MAX_UNITS { ", ..." } else { "" };
     format!("{}{more}", units[..units.len().min(MAX_UNITS)].join(", "))
 }
 
-/// A grid over all models, of the unit at which most of them stay as they are: of several, the finest.
+/// Returns a grid over all models. Its unit leaves the maximum number of models unmoved; ties go to
+/// the finest unit.
 fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
     let grids = distinct(models);
     let mut all: Option<[[f64; 3]; 2]> = None;
@@ -106,7 +107,7 @@ fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
             high[axis] = high[axis].max(own[1][axis]);
         }
     }
-    // (Of models without faces, any unit is one.)
+    // (Models without faces allow any unit.)
     let all = all.unwrap_or([[0.0; 3]; 2]);
     let longest = (0..3).map(|axis| all[1][axis] - all[0][axis]).fold(0.0, f64::max);
     if !longest.is_finite() {
@@ -123,16 +124,17 @@ fn common_unit(models: &[&ExactModel]) -> Result<Grid> {
     Ok(best.ok_or_else(no_unit)?.1)
 }
 
-/// The finest grid over a box whose unit is that of a grid by a power of two, and no finer than the finest unit or [`SPARE_BITS`] needs.
+/// Returns the finest grid over a box whose unit is `grid`'s unit times a power of two. It is not
+/// finer than `finest` and [`SPARE_BITS`] require.
 fn unit_over(all: [[f64; 3]; 2], grid: &Grid, finest: f64, longest: f64) -> Option<Grid> {
     let units = |bits: u8| longest / (1u64 << bits) as f64;
     let least = finest.min(units(MAX_BITS - SPARE_BITS)).max(units(MAX_BITS));
     let least = if least > 0.0 { least } else { finest };
     let mut power = (least / grid.width()).log2().floor();
-    // (Origins may be large, and the box an exact multiple.)
+    // (Large origins, or a box whose size is an exact multiple, may need a coarser unit.)
     for _ in 0..MAX_BITS + 4 {
         let step = grid.step * power.exp2();
-        // (Of points alone, any unit is fine enough.)
+        // (If all models are points, any unit is fine enough.)
         if (step / grid.divisor).is_normal()
             && let Some(unit) = Grid::fit(widened(all, step / grid.divisor), step, grid.divisor)
         {
@@ -143,13 +145,13 @@ fn unit_over(all: [[f64; 3]; 2], grid: &Grid, finest: f64, longest: f64) -> Opti
     None
 }
 
-/// A box with space for corners that are moved to a grid, and for proxies of exact faces next to them.
+/// Enlarges a box, for vertices that move to the grid and for proxies of exact faces.
 fn widened([low, high]: [[f64; 3]; 2], unit: f64) -> [[f64; 3]; 2] {
     const UNITS: f64 = 2.0;
     [low.map(|at| at - UNITS * unit), high.map(|at| at + UNITS * unit)]
 }
 
-/// Advice for an operand that is too small, or too thin, for a grid that holds all of them.
+/// Adds advice to the error of an operand that is too small or too thin for the common grid.
 fn unlike(error: Error, model: &ExactModel, unit: &Grid) -> Error {
     let Error::NotASolid { what, places, count, .. } = error else { return error };
     let advice = "the models are too far apart, or too unlike in size, for one grid of 2^26 units: combine cells of them (build \

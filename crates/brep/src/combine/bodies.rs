@@ -1,4 +1,19 @@
-//! The faces of several models, as those of one.
+//! The faces of several operands as one list, by what an operation does with each: see the stages
+//! and the table in [`combine`](super).
+//!
+//! - Classify: [`Bodies::new`] takes the operands and the operation table. It fills a set of fates
+//!   per operand ([`Overlap`]), and finds the proxies to replace ([`Replaced`]).
+//! - Input of the arrangement: [`Bodies::near`] returns the near faces on the common grid
+//!   ([`Near`]), with the edges at which they meet settled faces. It also removes the base's
+//!   changed faces from the result.
+//! - Input of the output file: [`Bodies::settled`], [`Bodies::keep_exact`] and
+//!   [`Bodies::settled_exact`] yield the settled faces, kept or reversed.
+//!
+//! | face of the octree                                | [`Use`]        |
+//! | ------------------------------------------------- | -------------- |
+//! | proxy: near, zero area, or its source is replaced | `Replaced`     |
+//! | any other face with a fate and an area            | `Settled`      |
+//! | any other face (near, or zero area)               | `Arranged`     |
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -17,31 +32,33 @@ use crate::{ExactModel, Face, FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result, SetOperation};
 use spinney_container::Tag;
 
-/// Models whose faces are read one after the other, as those of one.
+/// Operands whose faces are read in sequence, as one list.
 pub(super) struct Bodies<'a> {
     pub(super) models: &'a [&'a ExactModel],
     pub(super) placed: &'a Placed,
     pub(super) table: OperationTable,
     pub(super) overlaps: Vec<Overlap>,
-    /// Of each model, the faces that stand in for others and are made anew.
+    /// Per model: the proxies that are replaced.
     replaced: Vec<Replaced>,
     is_coloured: bool,
-    /// Numbers of each model's first part and first source.
+    /// First part number and first source number of each model.
     first: Vec<(u32, u64)>,
-    /// The model whose octree is taken over where no face changes, if there is one that has the common grid.
+    /// The model whose octree is copied where no face changes: one with the common grid, if any.
     base: Option<usize>,
 }
 
-/// The faces of a model that stand in for others and are made anew, since some of those that they stand in for may be divided.
+/// The proxies of a model that are replaced, since an exact face that they represent may be
+/// divided.
 ///
-/// Files do not tell which faces stand in for which; but they are of the same part and source.
+/// Files do not store the exact face of a proxy, but both have the same part and source.
 ///
-/// Invariant: where one exact face of a part and source is near other bodies, all faces that stand in for any of these go, and new ones
-/// are made for all of these. If some stayed, places would be covered twice in the octree, or not at all, and it would be open there.
+/// Invariant: if one exact face of a part and source is near other bodies, all proxies of that part
+/// and source are dropped, and new ones are made for all its exact faces. If some proxies stayed,
+/// the octree's surface would overlap itself or have a hole there.
 struct Replaced {
-    /// Whether all are.
+    /// Whether all proxies are replaced.
     is_all: bool,
-    /// Parts and sources of those that are.
+    /// Parts and sources whose proxies are replaced.
     sources: HashSet<(u32, u64)>,
 }
 
@@ -51,35 +68,35 @@ impl Replaced {
     }
 }
 
-/// Uses that an operation makes of a face.
+/// What an operation does with a face of an octree.
 #[derive(Clone, Copy)]
 pub(super) enum Use {
-    /// It is far from other bodies.
+    /// The face is far from other bodies, and its fate is known.
     Settled(Fate),
-    /// It is near other bodies, or has no area and joins edges: it goes into the arrangement.
+    /// The face is arranged: it is near other bodies, or it has no area and only joins edges.
     Arranged,
-    /// It stands in for others, for which new faces will.
+    /// The face is a proxy, for which new ones are made.
     Replaced,
 }
 
-/// Takes a face, whether it stands in for others, and what becomes of it.
+/// Visitor of faces: the face, whether it is a proxy, and its use.
 type FaceVisitor<'f> = dyn FnMut(&Face<'_>, bool, Use) -> Result<()> + 'f;
 
-/// Faces that are near other bodies, and what belongs to them.
+/// Input of the arrangement: the faces near other bodies, and what their replacement affects.
 pub(super) struct Near<'a> {
     pub(super) faces: ExactFaces,
-    /// Where those of each model end.
+    /// End index of each model's faces.
     pub(super) ends: Vec<u32>,
-    /// The edges at which the faces that are divided or made anew meet those that are not.
+    /// Edges at which faces that are arranged or replaced meet settled ones.
     pub(super) seams: Seams,
-    /// Faces with corners beside the grid that are not near, as they are in the result, but for which new faces will stand in.
+    /// Settled exact faces whose proxies are replaced, kept or reversed as in the result.
     pub(super) beside: Vec<ExactFace>,
-    /// The base, and those of its faces that stay as they are.
+    /// The base, and which of its faces stay unchanged.
     pub(super) base: Option<BaseModel<'a>>,
 }
 
 impl<'a> Bodies<'a> {
-    /// Goes through all octrees.
+    /// Classifies the faces of all operands: traverses all octrees.
     pub(super) fn new(
         models: &'a [&'a ExactModel],
         placed: &'a Placed,
@@ -91,14 +108,14 @@ impl<'a> Bodies<'a> {
         let mut parts = 0;
         for (number, model) in models.iter().enumerate() {
             overlaps.push(Overlap::of(number, models, placed, table, progress)?);
-            // (On a finer grid they would lie many steps beside what they stand in for.)
+            // (On a finer grid, proxies would lie many grid units from their exact faces.)
             let is_all = model.is_beside_grid() && placed.times(number) > 1;
             replaced.push(Replaced { is_all, sources: HashSet::new() });
             is_coloured |= model.is_coloured()?;
             first.push((parts, 0));
             parts += model.parts().len() as u32;
         }
-        // Where its surface is thinner than a step, cells do not tell what winding numbers are.
+        // Where a surface is thinner than a grid unit, its octree's winding numbers are unreliable.
         let is_base = |number: &usize| {
             let model = models[*number];
             let is_reached = !model.is_beside_grid() || model.reach() == reach(models);
@@ -114,12 +131,12 @@ impl<'a> Bodies<'a> {
         Ok(bodies)
     }
 
-    /// Steps that faces of any model lie at most beside those that they stand in for.
+    /// Returns the maximum distance of any model's proxies from their exact faces, in grid units.
     pub(super) fn reach(&self) -> u8 {
         reach(self.models)
     }
 
-    /// Notes the fates of the faces with corners beside the grid that are far from other bodies.
+    /// Records the fates of the exact faces that are far from other bodies.
     fn settle_exact_faces(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let mut overlap = std::mem::replace(&mut self.overlaps[number], Overlap::none());
         self.models[number].each_exact_head(&mut |index, head| {
@@ -129,9 +146,10 @@ impl<'a> Bodies<'a> {
             if overlap.exact.of(index.into()).is_none() {
                 return Ok(());
             }
-            // Invariant: the cell that has the grid's point nearest to a corner has the corner, too, since walls lie between
-            // the points; and so it is one of the face's cells, which are all far from the others' surfaces. (That a
-            // face is near a cell says less: it need not get there, and other bodies may be between.)
+            // Invariant: the grid point nearest to a vertex is in the same cell as the vertex,
+            // since cell walls lie between grid points. So this cell is one of the face's cells,
+            // which are all far from the others' surfaces. (A cell that the face is only near would
+            // not do: the face may not reach it, and another body may lie between.)
             let at = self.placed.exact_point(number, head.corner).rounded().map(|at| 2 * i64::from(at));
             let mut places = Vec::with_capacity(self.models.len());
             for other in 0..self.models.len() {
@@ -141,7 +159,7 @@ impl<'a> Bodies<'a> {
             }
             match places.len() == self.models.len() {
                 true => overlap.exact.note(index.into(), self.table.fate(number, &places)),
-                // (Of damaged files only.)
+                // (In corrupt files only.)
                 false => overlap.exact.set_near(index.into()),
             }
             Ok(())
@@ -150,7 +168,7 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// Takes those that stand in for others from the faces near other bodies: they are made anew.
+    /// Takes proxies off the near faces, and marks their sources as replaced.
     fn replace_stand_ins(&mut self, number: usize, progress: &dyn Progress) -> Result<()> {
         let near: Vec<u32> = self.overlaps[number].faces.near().collect();
         let mut buffer = crate::FaceBuffer::default();
@@ -167,8 +185,9 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// The faces that are near other bodies, with what belongs to them. The builder and the surface of the result are told which faces of
-    /// the base go, and what is known of values which faces may be divided.
+    /// Collects the faces near other bodies. Removes the base's faces that do not stay from the
+    /// builder and from the surface of the result. Records the values of all faces that may be
+    /// divided.
     pub(super) fn near(
         &mut self,
         mut result: Option<(&mut ModelBuilder, &mut SurfaceClosure, &mut FaceValues<'_>)>,
@@ -258,11 +277,11 @@ impl<'a> Bodies<'a> {
         Ok(found)
     }
 
-    /// Hands out what becomes of the faces that are not near other bodies, with the number of the model of each, whether they stand in for
-    /// others, and whether they are of the base and stay as they are.
+    /// Yields the settled faces of the octrees that are kept or reversed: the model's number, the
+    /// face, whether it is a proxy, and whether it is a face of the base that stays unchanged.
     ///
-    /// Invariant: faces of the base that stay come before all others, in the order of their numbers there, and so get the numbers that
-    /// [`Renumbering`] tells; leaves that are taken over would list other faces.
+    /// Invariant: the base's unchanged faces come first, in the order of their numbers, so that
+    /// they get the numbers of [`Renumbering`]. Otherwise copied leaves would list other faces.
     pub(super) fn settled(
         &self,
         progress: &dyn Progress,
@@ -289,7 +308,7 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// Adds those faces of the base with corners beside the grid that stay as they are, whole blocks where these can stay, too.
+    /// Adds the base's unchanged exact faces. Copies a block as a whole if all its faces stay.
     pub(super) fn keep_exact(
         &self,
         base: &BaseModel<'_>,
@@ -314,8 +333,8 @@ impl<'a> Bodies<'a> {
         })
     }
 
-    /// Hands out what becomes of the faces with corners beside the grid that are not near other bodies, and for which the faces stand in
-    /// that did before; but those of the base where `keeps_base`.
+    /// Yields the settled exact faces, kept or reversed, whose proxies are not replaced. Leaves out
+    /// the base's unchanged ones if `keeps_base`.
     pub(super) fn settled_exact(
         &self,
         keeps_base: bool,
@@ -343,7 +362,8 @@ impl<'a> Bodies<'a> {
         Ok(())
     }
 
-    /// A face of a model with corners beside the grid, on the common one.
+    /// Moves an exact face of a model to the common grid, with the result's part and source
+    /// numbers.
     fn exact(&self, number: usize, mut face: ExactFace) -> ExactFace {
         let (first_part, first_source) = self.first[number];
         if self.is_coloured && face.colours.is_empty() {
@@ -354,10 +374,10 @@ impl<'a> Bodies<'a> {
         ExactFace { part, source, ..self.placed.exact(number, face) }
     }
 
-    /// The use of a face of a model's octree, which may stand in for others.
+    /// Returns the use of a face of a model's octree.
     pub(super) fn becomes(&self, number: usize, face: &Face<'_>, is_proxy: bool) -> Use {
         let (fate, replaced) = (self.overlaps[number].faces.of(face.number), &self.replaced[number]);
-        // (What has no area is in no cell.)
+        // (A face without area is in no cell, so that its recorded fate is meaningless.)
         match (is_proxy, fate) {
             (true, None) => Use::Replaced,
             (true, _) if replaced.has(face.part, face.source) || !has_area(face) => Use::Replaced,
@@ -366,7 +386,8 @@ impl<'a> Bodies<'a> {
         }
     }
 
-    /// Hands out the faces of a model's octree on the common grid, with whether they stand in for others, and what becomes of them.
+    /// Yields the faces of a model's octree on the common grid, with `is_proxy` and the use of
+    /// each. Dropped faces are yielded on the model's own grid.
     fn each(&self, number: usize, progress: &dyn Progress, each: &mut FaceVisitor<'_>) -> Result<()> {
         let model = self.models[number];
         let (first_part, first_source) = self.first[number];
@@ -388,7 +409,7 @@ impl<'a> Bodies<'a> {
         })
     }
 
-    /// Puts a face's corners on the common grid.
+    /// Moves a face's vertices to the common grid.
     pub(super) fn put(
         &self,
         number: usize,
@@ -404,7 +425,7 @@ impl<'a> Bodies<'a> {
         }
     }
 
-    /// Fails if so many bytes for the faces of a model and those before it are too much.
+    /// Fails if `needed` bytes, for the faces of this model and those before it, exceed `memory`.
     pub(super) fn check_room(&self, number: usize, needed: u64, memory: u64) -> Result<()> {
         if needed <= memory {
             return Ok(());
@@ -419,7 +440,7 @@ impl<'a> Bodies<'a> {
     }
 }
 
-/// Steps that faces of some models lie at most beside those that they stand in for.
+/// Maximum distance of the models' proxies from their exact faces, in grid units; at least 1.
 fn reach(models: &[&ExactModel]) -> u8 {
     models.iter().map(|model| model.reach()).fold(1, u8::max)
 }
@@ -429,7 +450,7 @@ fn has_area(face: &Face<'_>) -> bool {
     ring_normal(face.rings().next().unwrap_or_default()) != [0; 3]
 }
 
-/// A face with corners beside the grid as its fate leaves it; `None` of one that is dropped.
+/// Applies a fate to an exact face; `None` if it is dropped.
 fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
     match fate {
         Fate::Kept => Some(face),
@@ -441,24 +462,25 @@ fn settled(face: ExactFace, fate: Fate) -> Option<ExactFace> {
 /// Bytes of a face with its plane and box.
 const FACE: u64 = 400;
 
-/// Faces of two models in cells that faces of the other are in or near, too, on one grid; where these are many, only those whose boxes touch.
+/// Faces of two models near each other's surfaces, on one grid. If they are too many for the
+/// memory, only those whose boxes touch a face of the other model.
 pub(crate) struct NearFaces {
     pub faces: ExactFaces,
-    /// Where those of each model end.
+    /// End index of each model's faces.
     pub ends: Vec<u32>,
-    /// Numbers that were added to the sources of each model's faces.
+    /// Offset that was added to the sources of each model's faces.
     pub(crate) first_sources: [u64; 2],
 }
 
 impl NearFaces {
-    /// Goes through both octrees side by side, and reads the faces.
+    /// Traverses both octrees together, and reads the faces.
     ///
     /// # Errors
-    /// If grids, coordinate systems or units do not fit together, if `memory` bytes are not enough, if files are damaged or cannot be
-    /// read, or on interruption.
+    /// If grids, coordinate systems or units are incompatible, if `memory` bytes are insufficient,
+    /// if files are corrupt or cannot be read, or on cancellation.
     pub(crate) fn of(models: [&ExactModel; 2], memory: u64, progress: &dyn Progress) -> Result<NearFaces> {
         let placed = Placed::of(&models)?.ok_or_else(|| unlike_grids(&models))?;
-        // (Which operation does not matter for faces that are near.)
+        // (Any operation would do: being near does not depend on it.)
         let mut bodies =
             Bodies::new(&models, &placed, OperationTable::new(SetOperation::Intersection, 2)?, progress)?;
         let near: usize = (0..2).map(|body| bodies.near_of(body).len()).sum();
@@ -470,7 +492,7 @@ impl NearFaces {
     }
 }
 
-/// The error of a face that lies where no cell has one.
+/// Returns the error for a face with vertices outside of the octree.
 fn not_in_the_octree(path: &Path, face: u64) -> Error {
     let found = format!("face {face} with corners beyond those of all cells");
     Error::corrupt(path, "faces", found, "faces that are in the octree")

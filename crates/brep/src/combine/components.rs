@@ -1,5 +1,5 @@
-//! Faces in cells near other bodies whose boxes touch none of theirs: with all that hangs together with them, they lie on one
-//! side of these bodies, and one winding number of one of them tells on which.
+//! Near faces whose boxes touch no box of another body's faces. Each connected component of them
+//! lies on one side of all other bodies, and the winding numbers of one sample settle it.
 
 use std::cell::Cell;
 use std::collections::HashMap;
@@ -16,24 +16,25 @@ use crate::piece::Piece;
 use crate::{ExactModel, FaceBuffer};
 use spinney_base::{Progress, Result, parallel};
 
-/// Faces that one task looks at.
+/// Faces per task.
 const TASK: usize = 1 << 10;
 
-/// A face of a body, by its number: of the octree, or with corners beside the grid.
+/// Number of a face: of the octree, or of an exact face.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum FaceNumber {
     OnGrid(u32),
     Exact(u32),
 }
 
-/// The corners of a face on the common grid.
+/// The vertices of a face on the common grid.
 enum NearFace<'f> {
     OnGrid { points: &'f [[i32; 3]], ring_ends: &'f [usize] },
     Exact(ExactFace),
 }
 
 impl NearFace<'_> {
-    /// The points of the grid nearest to its corners, and how many steps these are off at most.
+    /// Passes the grid points nearest to the vertices, and the maximum rounding distance in grid
+    /// units.
     fn with_points<R>(&self, take: impl FnOnce(&[[i32; 3]], i32) -> R) -> R {
         match self {
             NearFace::OnGrid { points, .. } => take(points, 0),
@@ -41,21 +42,21 @@ impl NearFace<'_> {
         }
     }
 
-    /// The box around it, and so many steps more.
+    /// Returns the box around the face, enlarged by `more` grid units.
     fn bounds(&self, more: i32) -> Bounds {
         self.with_points(|points, off| bounds_of(points, off + more))
     }
 }
 
-/// Faces of one body that touch no other.
+/// Faces of one body that touch no other body.
 #[derive(Default)]
 struct Components {
-    /// Number of a component that a vertex belongs to.
+    /// Component of each vertex.
     of_vertex: HashMap<[i32; 3], u32>,
     sets: UnionFind,
-    /// The first face of each component.
+    /// First face of each component.
     firsts: Vec<FaceNumber>,
-    /// Faces, with a component that each belongs to.
+    /// Faces, each with its component.
     faces: Vec<(FaceNumber, u32)>,
 }
 
@@ -69,29 +70,30 @@ impl Components {
                 self.sets.push();
                 self.firsts.push(face);
             }
-            // Invariant: faces of a component hang together in points, or have corners within half a step of
-            // one point of the grid, and none of them comes within a step of another body. So all lie on the
-            // same sides of all other bodies, and one face tells for all. A face that touched another body would
-            // lead from its outside to its inside.
+            // Invariant: faces of a component share vertices, or have vertices within half a grid
+            // unit of a shared grid point, and none comes within a grid unit of another body. So
+            // they all lie on the same sides of all other bodies, and one face decides for all. A
+            // face that touched another body would connect its outside with its inside.
             own = Some(self.sets.join(own.unwrap_or(found), found));
         }
         self.faces.extend(own.map(|own| (face, own)));
     }
 
-    /// Bytes of memory that they take.
+    /// Returns the memory use in bytes.
     fn bytes(&self) -> u64 {
-        // (A table is half empty after it has grown.)
+        // (A hash table is half empty after it has grown.)
         const VERTEX: usize = 2 * (size_of::<([i32; 3], u32)>() + 1);
         (self.of_vertex.len() * VERTEX + 12 * self.sets.len() + size_of_val(&self.faces[..])) as u64
     }
 }
 
 impl Bodies<'_> {
-    /// Settles those of the faces in cells near other bodies whose boxes touch none of theirs. Takes about 100 bytes for each of the
-    /// faces in these cells.
+    /// Settles the near faces whose boxes touch no box of another body's faces. Takes about 100
+    /// bytes for each near face.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, if files are damaged or cannot be read, or on interruption.
+    /// If `memory` bytes are insufficient, if files are corrupt or cannot be read, or on
+    /// cancellation.
     pub(super) fn settle_components(&mut self, memory: u64, progress: &dyn Progress) -> Result<()> {
         let (tree, ends) = self.near_boxes(memory, progress)?;
         let room = memory.saturating_sub(ends.last().map_or(0, |count| u64::from(*count) * BOX));
@@ -117,8 +119,8 @@ impl Bodies<'_> {
         Ok(())
     }
 
-    /// Drops those of the faces in cells near other bodies whose boxes touch none of theirs. Takes about 100 bytes for each of the faces in
-    /// these cells.
+    /// Drops the near faces whose boxes touch no box of another body's faces. Takes about 100 bytes
+    /// for each near face.
     ///
     /// # Errors
     /// Those of [`Bodies::settle_components`].
@@ -137,14 +139,14 @@ impl Bodies<'_> {
         Ok(())
     }
 
-    /// The faces of a body in cells near other bodies.
+    /// Returns the faces of a body in cells near other bodies.
     pub(super) fn near_of(&self, body: usize) -> Vec<FaceNumber> {
         let overlap = &self.overlaps[body];
         let exact = overlap.exact.near().map(FaceNumber::Exact);
         overlap.faces.near().map(FaceNumber::OnGrid).chain(exact).collect()
     }
 
-    /// Notes the fate of a face that is not near other bodies after all.
+    /// Records the fate of a near face that turned out to touch no other body.
     fn settle(&mut self, body: usize, face: FaceNumber, fate: Fate) {
         let overlap = &mut self.overlaps[body];
         match face {
@@ -153,7 +155,7 @@ impl Bodies<'_> {
         }
     }
 
-    /// A tree over the boxes of all faces in cells near other bodies, and where those of each body end.
+    /// Returns a tree over the boxes of all near faces, and the end index of each body's faces.
     fn near_boxes(&self, memory: u64, progress: &dyn Progress) -> Result<(BoxTree, Vec<u32>)> {
         let (mut boxes, mut ends) = (Vec::new(), Vec::new());
         for body in 0..self.models.len() {
@@ -173,7 +175,7 @@ impl Bodies<'_> {
         Ok((BoxTree::of(boxes), ends))
     }
 
-    /// Those of some faces of a body whose boxes touch none of other bodies' faces.
+    /// Returns those of `faces` whose boxes touch no box of another body's faces.
     fn apart(
         &self,
         body: usize,
@@ -183,7 +185,7 @@ impl Bodies<'_> {
     ) -> Result<Vec<FaceNumber>> {
         let mut apart = Vec::new();
         self.each_of(body, faces, &mut |number, face| {
-            // (A step more, since new vertices move.)
+            // (One grid unit more, since new vertices move.)
             let own = face.bounds(1);
             let is_touched = Cell::new(false);
             tree.each(&|bounds| !is_touched.get() && touch(bounds, &own), |other| {
@@ -198,7 +200,7 @@ impl Bodies<'_> {
         Ok(apart)
     }
 
-    /// The faces of a body in cells near others that touch no box of these.
+    /// Groups a body's near faces that touch no box of another body's faces.
     fn components(
         &self,
         body: usize,
@@ -224,7 +226,7 @@ impl Bodies<'_> {
         Ok(found)
     }
 
-    /// The fate of a face that touches no other body, by a point of it.
+    /// Returns the fate of a face that touches no other body, by a sample point.
     fn fate_of(&self, body: usize, number: FaceNumber) -> Result<Fate> {
         let mut fate = Fate::Dropped;
         self.each_of(body, &[number], &mut |_, face| {
@@ -253,7 +255,7 @@ impl Bodies<'_> {
         Ok(fate)
     }
 
-    /// Hands out some faces of a body, on the common grid.
+    /// Yields faces of a body on the common grid.
     fn each_of(
         &self,
         body: usize,
@@ -278,5 +280,5 @@ impl Bodies<'_> {
     }
 }
 
-/// Bytes that a box takes while the tree is made of all.
+/// Bytes per box while the tree is built.
 const BOX: u64 = 96;

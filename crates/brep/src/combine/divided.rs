@@ -1,4 +1,4 @@
-//! Models whose faces are divided where another model's surface meets them.
+//! Division of a model's faces along another model's surface.
 
 use super::{CombineReport, Origin, combined};
 use crate::ExactModel;
@@ -6,11 +6,13 @@ use spinney_base::io::Output;
 use spinney_base::{Progress, Result, SetOperation};
 use spinney_container::Codec;
 
-/// Writes a model with its faces divided along the lines in which the surface of another one passes through them, and around the areas in which both lie on each
-/// other: these lines are edges then. It bounds the same body; parts, attributes and values of faces are kept, and all parts of a face have its values. (Lines in which surfaces only touch divide
-/// no face.)
+/// Writes a model with its faces divided where another model's surface meets them: along the lines
+/// of intersection, and around areas in which both surfaces coincide. These lines become edges. The
+/// body does not change. Parts, attributes and face values are kept, and all fragments of a face
+/// have its values. (Lines in which surfaces only touch divide no face.)
 ///
-/// New corners are exact, as those of set operations are ([`combine`](super::combine())), and so is what grids and memory have to be.
+/// New vertices are exact, and grids and memory have the same limits, as in
+/// [`combine`](super::combine()).
 ///
 /// ```
 /// use spinney::ExactModel;
@@ -29,7 +31,7 @@ use spinney_container::Codec;
 /// #     import_exact(open_all(&[mesh], 64 << 20)?, &options, Output::create(&model)?, &())?;
 /// #     ExactModel::open(&model, &Default::default())
 /// # };
-/// // Two corners of cubes, one of them higher: its foot divides three faces of the other one.
+/// // Two corners of cubes, one of them higher: its base divides three faces of the other one.
 /// let (a, b) = (made("a", 0)?, made("b", 4)?);
 /// let output = Output::create(&path("divided.goblin"))?;
 /// let report = divide_faces(&a, &b, output, Codec::Plain, 64 << 20, &())?;

@@ -1,9 +1,9 @@
-//! Fates of the faces of a body, three bits for each.
+//! Fates of a body's faces, three bits each.
 
 use super::table::Fate;
 use crate::face_set::FaceSet;
 
-/// Fates of some faces of a body, by their numbers: of those of its octree, or of those with corners beside the grid.
+/// Fates of a body's faces, by number: of the faces of its octree, or of its exact faces.
 pub(super) struct Fates {
     near: FaceSet,
     turned: FaceSet,
@@ -11,16 +11,17 @@ pub(super) struct Fates {
 }
 
 impl Fates {
-    /// So many faces that are all kept.
+    /// Creates the fates of `count` faces, all kept.
     pub(super) fn new(count: u64) -> Fates {
         Fates { near: FaceSet::new(count), turned: FaceSet::new(count), dropped: FaceSet::new(count) }
     }
 
-    /// The fate of a face; `None` of one that is near other bodies, which the arrangement tells.
+    /// Returns the fate of a face; `None` if it is near other bodies, and the arrangement decides.
     pub(super) fn of(&self, number: u64) -> Option<Fate> {
-        // Invariant: all cells of a face that are far from other bodies have noted the same fate, since the
-        // face leads from one to the other without meeting any; and a face with a cell that is near is in
-        // `near`, which is looked at before. So the order in which cells are gone through does not matter.
+        // Invariant: all cells of a face that are far from other bodies record the same fate, since
+        // the face connects them without meeting another body. A face with a near cell is in
+        // `near`, which is checked first. So the order in which cells are traversed does not
+        // matter.
         match (self.near.has(number), self.turned.has(number), self.dropped.has(number)) {
             (true, ..) => None,
             (_, _, true) => Some(Fate::Dropped),
@@ -29,12 +30,12 @@ impl Fates {
         }
     }
 
-    /// Notes that a face is near other bodies.
+    /// Marks a face as near other bodies.
     pub(super) fn set_near(&mut self, number: u64) {
         self.near.set(number, true);
     }
 
-    /// Notes the fate of a face, unless it is near.
+    /// Records the fate of a face. A face that is near stays so.
     pub(super) fn note(&mut self, number: u64, fate: Fate) {
         match fate {
             Fate::Kept => {}
@@ -43,18 +44,18 @@ impl Fates {
         }
     }
 
-    /// Notes the fate of a face that is not near after all.
+    /// Records the fate of a face, and unmarks it as near.
     pub(super) fn settle(&mut self, number: u64, fate: Fate) {
         self.near.set(number, false);
         self.note(number, fate);
     }
 
-    /// Whether the fate of any face that is not near is to be turned.
+    /// Whether any face that is not near is reversed.
     pub(super) fn are_some_turned(&self) -> bool {
         self.turned.numbers().any(|face| !self.near.has(face.into()))
     }
 
-    /// Numbers of the faces that are near other bodies, ascending.
+    /// Yields the numbers of the faces near other bodies, ascending.
     pub(super) fn near(&self) -> impl Iterator<Item = u32> {
         self.near.numbers()
     }

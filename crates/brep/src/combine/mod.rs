@@ -1,14 +1,51 @@
-//! Set operations on bodies: the sixteen of N. A. Tyukachev (2010), on surfaces, exactly.
+//! Set operations on bodies: the sixteen operations of N. A. Tyukachev (2010), exact, on surfaces.
 //!
-//! A body is an oriented surface and a bit that says whether what is far away belongs to it. With that bit all sixteen
-//! operations make bodies: nothing and everything have no faces and differ in the bit, and a complement has the same
-//! faces turned round. The number of an operation is its truth table, and a face stays where the table has different
-//! values in front of it and behind it (the index theorem; where faces of two bodies lie on each other, the windings of both
-//! change, so that faces turned the same way and faces turned to each other come out right without a code of their own).
+//! A body is an oriented surface plus one bit: whether the body includes infinity. The bit closes
+//! the set of bodies under all sixteen operations. The empty set and the whole space have no faces
+//! and differ in the bit. A complement has the same faces, reversed, and the other bit.
 //!
-//! Both octrees are walked side by side: faces in cells that no other body's surface is near are kept, turned or dropped as a whole,
-//! and only those near it are divided by each other. Faces with corners beside the grid are in lists of the cells that they are near,
-//! and so results are operands like all others; the faces that stand in for them go with them, or are made anew.
+//! The number of an operation is its truth table. A face belongs to the result if the table has
+//! different values in front of the face and at its back (the index theorem). Where faces of two
+//! bodies coincide, the winding numbers of both bodies change at once, so faces with equal and with
+//! opposite orientation need no special case.
+//!
+//! An operation runs in five stages:
+//!
+//! 1. Classify (`Bodies::new`, `settle_components`). Input: the octrees of all operands and the
+//!    operation table. Output: a `Fate` per face, or "near" if the face may meet another body. All
+//!    octrees are traversed together. Faces in cells that are far from every other surface are
+//!    settled (kept, reversed or dropped) per cell, without reading them. Then near faces whose
+//!    boxes touch no face of another body are settled, with one winding number per connected
+//!    component.
+//! 2. Arrange (`Bodies::near`, `divide`). Input: the remaining near faces, on the common grid.
+//!    Output: the exact faces that bound the result.
+//! 3. Snap (`on_grid`: `round`, `Rounded::closed`). Input: these exact faces. Output: planar faces
+//!    with vertices on the grid, which of them are proxies, and the exact faces that the proxies
+//!    represent.
+//! 4. Stitch (`Seams::close`). Input: the edges at which new faces meet settled ones. Output: faces
+//!    without area that close the surface on the grid.
+//! 5. Emit (`ModelBuilder`). Input: settled faces, new faces, and the base's octree. Output: the
+//!    file.
+//!
+//! An exact face has vertices off the grid. Each cell that it is near lists it, so a result can be
+//! an operand like any other model. In the octree, on-grid faces represent an exact face: its
+//! proxies. Files do not store the exact face of a proxy, but both have the same part and source.
+//!
+//! What becomes of an operand's faces ("arranged": kept, reversed, divided or dropped by stage 2;
+//! "fate": as stage 1 decides; "proxy": what represents them in the result's octree):
+//!
+//! | face                         | kept | reversed | dropped | arranged | proxy               |
+//! | ---------------------------- | ---- | -------- | ------- | -------- | ------------------- |
+//! | on-grid, settled             | fate | fate     | fate    | no       | none                |
+//! | on-grid, near or zero area   | -    | -        | -       | yes      | of off-grid regions |
+//! | exact, settled               | fate | fate     | fate    | no       | old, or new (*)     |
+//! | exact, near                  | -    | -        | -       | yes      | new                 |
+//! | proxy, settled               | fate | fate     | fate    | no       | is one              |
+//! | proxy, near or zero area     | no   | no       | always  | no       | new                 |
+//!
+//! (*) If an exact face or a proxy is near, all proxies of its part and source are dropped, and new
+//! ones are made for all exact faces of that part and source. The same holds for all proxies of a
+//! model whose grid is coarser than the common one.
 
 mod alignment;
 mod bodies;
@@ -46,50 +83,64 @@ use spinney_base::io::{Output, folder};
 use spinney_base::{Error, Progress, Result, SetOperation, SubProgress};
 use spinney_container::{Codec, Metadata, Tag};
 
-/// Counts of a set operation on bodies.
+/// Report of a set operation on bodies.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CombineReport {
-    /// Faces of each body.
+    /// Face count of each operand.
     pub before: Vec<u64>,
-    /// Faces of the result.
+    /// Face count of the result.
     pub after: u64,
-    /// Faces in cells near other bodies, of which the result is arranged anew; of all others nothing is computed.
+    /// Faces that were arranged, since they are near other bodies. For all other faces, no geometry
+    /// is computed.
     pub near: u64,
-    /// Pairs of faces that touch or pass through each other.
+    /// Pairs of faces that touch or intersect.
     pub pairs: u64,
-    /// Faces that were divided, or of which a part was taken away.
+    /// Faces that were divided or trimmed.
     pub divided: u64,
-    /// Columns of values of faces that the result does not keep, because it would have more than 4096.
+    /// Face value columns that the result drops, since it would have more than 4096 columns.
     pub lost_columns: u64,
-    /// Faces of the result whose values are not known, since they come of a source whose faces have different ones.
+    /// Faces of the result without values, since the faces of their source have different values.
     pub lost_values: u64,
-    /// The furthest that a new vertex was moved to the grid, in the models' unit.
+    /// Maximum distance that a new vertex was moved to the grid, in the models' unit.
     pub displacement: f64,
-    /// The furthest that a corner of an operand was moved to the grid, in the models' unit: 0 where the operands' grids have a unit in
-    /// common, of which each is a multiple.
+    /// Maximum distance that a vertex of an operand was moved to the common grid, in the models'
+    /// unit. 0 if the units of all operands' grids are multiples of a common one.
     pub snapped: f64,
-    /// The grid.
+    /// Grid of the result.
     pub grid: Grid,
-    /// Whether what is far away belongs to the result.
+    /// Whether the result includes infinity.
     pub is_unbounded: bool,
-    /// Counts of the octree; and where the surface has defects when its new vertices are moved to the grid, which happens
-    /// where it is thinner than the grid's step. What is made of the file by further operations is right there, too.
+    /// Report of the octree. Lists the surface's defects after its new vertices were moved to the
+    /// grid. Defects occur where the surface is thinner than one grid unit. Further operations on
+    /// the file are correct there, too, since they use the exact faces.
     pub built: BuildReport,
 }
 
-/// Makes the body of a set operation on others, and writes it into a file; `operation` is a number from 0 to 15: bit 0 says that
-/// what is in both bodies belongs to the result, bit 1 what is in the first alone, bit 2 what is in the second alone, bit 3
-/// what is in neither. So 1 is the intersection, 2 and 4 are the differences, 6 the symmetric difference, 7 the union, 12
-/// the complement of the first. Of more than two bodies there are 0, 1 (what is in all), 2 (in the first alone), 6 (in an odd
-/// number of them), 7 (in any), and 8, 9, 13, 14, 15, the complements of these; of one 0, 3, 12 and 15.
+/// Writes the result of a set operation on bodies to a file.
 ///
-/// Where the units of all grids are multiples of one that leaves at most 2^26 of them along the longest side, coordinates stay as they
-/// are; otherwise as few operands as possible are moved to a common grid, with a warning and within [`CombineReport::snapped`]. New vertices
-/// stay where they are as fractions, and go to the nearest points of the grid for what is asked of the file. Names of parts
-/// are those of the bodies on which the operation depends, one after the other. Faces keep the values that they have, in columns that are
-/// joined by their names, and all parts of a face that is divided have its values. Memory: about 100 bytes for each face in cells near
-/// other bodies, and 300 for each whose box touches theirs, half of `memory` at most; and 96 for each face with corners beside the grid.
+/// `operation` is a truth table from 0 to 15. The result includes what is in both bodies (bit 0),
+/// in the first body only (bit 1), in the second body only (bit 2), in neither (bit 3). So 1 is the
+/// intersection, 2 and 4 are the differences, 6 is the symmetric difference, 7 the union, 12 the
+/// complement of the first body.
+///
+/// More than two bodies allow 0 (nothing), 1 (in all bodies), 2 (in the first only), 6 (in an odd
+/// number of bodies), 7 (in any body), and 8, 9, 13, 14, 15, the complements of these. One body
+/// allows 0, 3, 12 and 15.
+///
+/// Coordinates do not change if the units of all grids are multiples of a common unit, and the
+/// models are at most 2^26 of these units long. Otherwise, as few operands as possible are moved to
+/// a common grid, with a warning and by at most [`CombineReport::snapped`]. New vertices are stored
+/// exactly, as fractions. Queries of the file use the nearest points of the grid instead, except
+/// for volumes.
+///
+/// The result has the part names of the bodies on which the operation depends, in their order.
+/// Faces keep their values, and columns are joined by name. All fragments of a divided face have
+/// its values.
+///
+/// Memory: about 100 bytes for each face in cells near other bodies, and 300 bytes for each face
+/// whose box touches theirs, at most half of `memory`; plus 96 bytes for each face with off-grid
+/// vertices.
 ///
 /// ```
 /// use spinney::{Codec, ExactModel, Output, SetOperation};
@@ -106,12 +157,13 @@ pub struct CombineReport {
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
-/// Octrees of files are taken for what they say: where no face changes, that of the largest operand on the result's grid is taken over.
-/// [`ExactModel::verify`] looks at one.
+/// The octrees of the operands are trusted. Where no face changes, the octree of the largest
+/// operand on the result's grid is copied. [`ExactModel::verify`] checks an octree.
 ///
 /// # Errors
-/// If there is no such operation of so many bodies, if grids, coordinate systems or units do not fit together, if the memory is not
-/// enough, if a model is no body, if files cannot be read or written, or on interruption. There is no file then.
+/// If the operation does not exist for this number of bodies, if grids, coordinate systems or units
+/// are incompatible, if the memory is insufficient, if a model is not a solid, if files cannot be
+/// read or written, or on cancellation. No file is left in these cases.
 pub fn combine(
     operation: SetOperation,
     models: &[&ExactModel],
@@ -123,18 +175,18 @@ pub fn combine(
     combined((operation, None, false), models, (output, codec), memory, progress)
 }
 
-/// What the file of a set operation says of how it was made, instead of what its operands say and their names.
+/// Origin of a result, which its metadata record instead of the operands' formulas and names.
 #[derive(Clone, Debug, Default)]
 pub struct Origin {
-    /// The formula; with nothing in it there is none.
+    /// Formula; empty for none.
     pub formula: String,
-    /// Lines of the provenance.
+    /// Provenance lines.
     pub provenance: Vec<String>,
-    /// Tags besides those of the operation.
+    /// Tags in addition to those of the operation.
     pub tags: Vec<(Tag, String)>,
 }
 
-/// Does what [`combine`] does; the file tells an origin.
+/// Like [`combine`], with an explicit origin in the file's metadata.
 ///
 /// # Errors
 /// Those of [`combine`].
@@ -157,7 +209,7 @@ fn combined(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<CombineReport> {
-    // (Of more, numbers of faces in memory would have more than 32 bits.)
+    // (More memory would allow more than 2^32 faces in it, and face numbers have 32 bits.)
     let memory = memory.min(1 << 38);
     let table = OperationTable::new(operation, models.len())?;
     let before = models.iter().map(|model| model.len()).collect();
@@ -174,7 +226,7 @@ fn combined(
         }
     };
     let (those, table) = match keeps_apart {
-        // (What the second one is matters for where the first one is divided.)
+        // (The second model matters, too: it divides the faces of the first.)
         true => ((0..models.len()).collect(), table),
         false => table.on_those_that_matter(),
     };
@@ -197,7 +249,7 @@ fn combined(
     };
     match make() {
         Ok(report) => Ok(CombineReport { before, ..report }),
-        // What is no body may have been taken for one.
+        // The cause may be an operand that is not a solid.
         Err(error @ (Error::NotASolid { .. } | Error::Invalid { .. })) => {
             Err(suspect(&models, memory, progress)?.unwrap_or(error))
         }
@@ -205,7 +257,7 @@ fn combined(
     }
 }
 
-/// The error of the first of some models that is found to be no body, if there is one.
+/// Returns the error for the first model that verification finds not to be a solid, if any.
 fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Result<Option<Error>> {
     for model in models {
         let findings = model.verify(memory, progress)?;
@@ -223,7 +275,7 @@ fn suspect(models: &[&ExactModel], memory: u64, progress: &dyn Progress) -> Resu
     Ok(None)
 }
 
-/// Makes the body of an operation on the bodies that it depends on.
+/// Writes the result of an operation on the bodies on which it depends.
 fn made(
     (operation, origin, keeps_apart, snapped): (SetOperation, Option<&Origin>, bool, f64),
     models: &[&ExactModel],
@@ -242,8 +294,8 @@ fn made(
         .codec(codec)
         .unbounded(is_unbounded)
         .reach(bodies.reach());
-    // Invariant: of the base, which is closed, the faces that go are taken off, and those that stay are not added: it makes no difference
-    // which of both is counted.
+    // Invariant: the base's surface is closed. So it is sufficient to subtract the base's faces
+    // that go; those that stay need not be added.
     let mut surface = SurfaceClosure::new(true);
     let mut values = FaceValues::of(models)?;
     let Near { faces, ends, mut seams, beside, base } =
@@ -269,8 +321,9 @@ fn made(
     let Resolved { pairs, divided, .. } = done;
     beside.into_iter().for_each(|face| exact.push(face));
     let rounded = on_grid(exact, &bodies, &mut seams, (is_unbounded, path), memory / 2, progress)?;
-    // Invariant: all leaves list exact faces as far away as the file says that faces standing in for them may lie; so do those of a base
-    // that is taken over. (One that is not has been told of faces that go, of which nothing is made then.)
+    // Invariant: the leaves list exact faces up to the file's `reach`, the maximum distance of a
+    // proxy from its exact face. So a base with exact faces whose octree is copied must have the
+    // result's reach. (If the base is rejected, removals already recorded for it are discarded.)
     let base = base.filter(|base| !base.model.is_beside_grid() || base.model.reach() == rounded.reach);
     if base.is_none() {
         surface = SurfaceClosure::new(true);
@@ -329,7 +382,7 @@ fn made(
         Some(origin) => origin.formula.clone(),
         None => formula(operation, models)?,
     });
-    // (Of divided faces, all are the first one's.)
+    // (Divided faces all belong to the first model.)
     let kept = if keeps_apart { &models[..1] } else { models };
     for model in kept {
         for (part, name) in (0..).zip(model.parts()) {
@@ -386,8 +439,8 @@ fn made(
     })
 }
 
-/// The faces near other bodies on the grid, mended where they pass through each other there. `seams` has the edges at which they meet the
-/// others; none is left where they were mended.
+/// Snaps the arranged faces to the grid, and mends them where they intersect there. `seams` holds
+/// the edges at which they meet the settled faces. It is empty after mending.
 fn on_grid(
     exact: ExactFaces,
     bodies: &Bodies<'_>,
@@ -404,18 +457,21 @@ fn on_grid(
             seams.add_watched(face);
             Ok(())
         })?;
-        // Invariant: faces that are not near other bodies pass through none of these, whose new corners lie on other bodies' faces, a step away
-        // or more, and are moved by less. So they are in no contact, and what they change in winding numbers is the same all over a region.
+        // Invariant: settled faces intersect none of the new ones. The new vertices lie on other
+        // bodies' faces, which are at least one grid unit away, and move by less than that. So
+        // settled faces are in no contact, and their contribution to winding numbers is constant
+        // within a region.
         let rest = |sample: &SamplePoint<'_>| settled_above(bodies, sample);
         let around = Surroundings { is_unbounded, reach: bodies.reach(), rest: Some(&rest) };
         rounded = rounded.closed(mem::take(seams), crossings, &around, path, memory, progress)?;
     }
-    // (Faces that are made anew lie as near as the mending leaves them; those that stay, as before.)
+    // (New proxies lie within the reach that mending needed; unchanged ones within the operands'
+    // reach.)
     rounded.reach = rounded.reach.max(bodies.reach());
     Ok(rounded)
 }
 
-/// Unit, place and provenance of the result.
+/// Frame, unit and provenance of the result.
 fn metadata(operation: SetOperation, models: &[&ExactModel], grid: &Grid) -> Metadata {
     let crs = models.iter().find_map(|model| model.crs().cloned());
     let mut metadata = Metadata { frame: grid.frame(crs), ..Metadata::default() };

@@ -1,5 +1,5 @@
-//! Where bodies come near each other: both octrees are gone through side by side, and what is far from all other surfaces is
-//! settled cell by cell, without a look at its faces.
+//! Where bodies come near each other: all octrees are traversed together, and faces far from all
+//! other surfaces are settled per cell, without reading them.
 
 use super::fates::Fates;
 use super::placed::Placed;
@@ -10,28 +10,30 @@ use spinney_base::{Progress, Result};
 
 /// Fates of the faces of one body among others.
 ///
-/// A cell decides of what is in it alone: of two cells, each of some body, of which one lies in the other with a step more on all
-/// sides, these are the entries of the table of an operation, by the states of both.
+/// A cell decides for the faces in it. The table is for a cell of this body and a cell of another
+/// body, one of which contains the other, with a margin of one grid unit.
 ///
-/// | own cell | VOID or FULL | FACE, EDGE, VERTEX or BOOLEAN | INNER |
-/// | --- | --- | --- | --- |
-/// | VOID, FULL | nothing to do | the other body's walk tells | the other body's walk tells |
-/// | FACE to BOOLEAN | kept, turned or dropped | near: arranged anew | near if a leaf below is |
-/// | INNER | kept, turned or dropped, with its subtree | children | children |
+/// | own cell                    | other VOID or FULL | other FACE to BOOLEAN | other INNER       |
+/// | --------------------------- | ------------------ | --------------------- | ----------------- |
+/// | VOID, FULL                  | nothing to do      | nothing to do (*)     | nothing to do (*) |
+/// | FACE, EDGE, VERTEX, BOOLEAN | settled            | near                  | near if a leaf is |
+/// | INNER                       | subtree settled    | children decide       | children decide   |
+///
+/// (*) The traversal of the other body decides for its faces.
 pub(super) struct Overlap {
-    /// The faces of its octree. Those that stand in for others are never near: they go with these.
+    /// Faces of its octree. Later, no proxy is near: proxies follow their exact faces.
     pub(super) faces: Fates,
-    /// Those with corners beside the grid.
+    /// Exact faces.
     pub(super) exact: Fates,
 }
 
 impl Overlap {
-    /// That of a body without faces.
+    /// Creates the fates of a body without faces.
     pub(super) fn none() -> Overlap {
         Overlap { faces: Fates::new(0), exact: Fates::new(0) }
     }
 
-    /// Finds out about one of several models.
+    /// Classifies the faces of model `own`.
     pub(super) fn of(
         own: usize,
         models: &[&ExactModel],
@@ -53,7 +55,7 @@ impl Overlap {
     }
 }
 
-/// A node of another body, with its cell in half steps of the common grid.
+/// Node of another body, with its cell in half units of the common grid.
 #[derive(Clone)]
 struct OtherNode<'a> {
     body: usize,
@@ -61,7 +63,7 @@ struct OtherNode<'a> {
     cell: [[i64; 3]; 2],
 }
 
-/// Whether two boxes have a point in common.
+/// Whether two boxes have a common point.
 fn meet([low, high]: &[[i64; 3]; 2], [other_low, other_high]: &[[i64; 3]; 2]) -> bool {
     (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
 }
@@ -77,8 +79,8 @@ struct Walk<'a> {
 }
 
 impl<'a> Walk<'a> {
-    /// Goes through a node; `others` are nodes of other bodies that may be near it, and `places` tells of each body without such
-    /// nodes whether the cell is inside of it.
+    /// Traverses a node. `others` are nodes of other bodies that may be near it. `places` has the
+    /// winding number of each body without such nodes.
     fn node(&mut self, node: &ModelNode<'a>, others: &[OtherNode<'a>], places: &[i32]) -> Result<()> {
         self.visited += 1;
         if self.visited.is_multiple_of(1 << 12) {
@@ -87,9 +89,9 @@ impl<'a> Walk<'a> {
         if node.winding().is_some() {
             return Ok(());
         }
-        // Invariant: a face of a cell that is settled here has no other body's face within a step. The cell
-        // is taken to be a step larger on each side; and new vertices are moved by half a step at most. Else
-        // a face that nobody divided could pass through one whose corners were rounded.
+        // Invariant: no face of another body is within a grid unit of a face that is settled here.
+        // The cell is enlarged by a grid unit on each side, and new vertices move by at most half a
+        // unit. Otherwise, an undivided face could intersect one whose vertices were rounded.
         let [low, high] = self.placed.half_units(self.own, node);
         let around = [low.map(|at| at - 2), high.map(|at| at + 2)];
         let is_leaf = node.state() != ModelNodeState::Inner;
@@ -115,9 +117,10 @@ impl<'a> Walk<'a> {
                 is_far = false;
                 continue;
             }
-            // Invariant: `places` of a body none of whose faces is near is the same all over the cell, since
-            // a winding number changes at faces only. So any of its nodes there says what it is, and far away
-            // is what has no node. The children of the cell go on with it, and never ask that body again.
+            // Invariant: if none of a body's faces is near, its entry in `places` is constant in
+            // the cell, since winding numbers change at faces only. So any of its nodes there has
+            // the value, and without nodes the cell is outside of its octree. The children of the
+            // cell inherit the value, and do not query that body again.
             let found = near[first..].first().and_then(|other| other.node.winding());
             places[other] = found.unwrap_or_else(|| self.models[other].far_winding());
             near.truncate(first);
@@ -132,7 +135,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Whether a cell without children at or below a node meets a box, and has faces in it or near it.
+    /// Whether a leaf at or below a node meets a box, and has faces in it or near it.
     fn has_surface_at(&self, other: &OtherNode<'a>, around: &[[i64; 3]; 2]) -> Result<bool> {
         if other.node.state() != ModelNodeState::Inner {
             return Ok(other.node.winding().is_none() && meet(&other.cell, around));
@@ -149,7 +152,8 @@ impl<'a> Walk<'a> {
         Ok(false)
     }
 
-    /// Appends the nodes that meet a box, those with faces as small as it or as they are.
+    /// Appends the nodes that meet a box. Splits INNER nodes that are larger than the box, or all
+    /// of them if `to_leaves`.
     fn refine(
         &self,
         other: &OtherNode<'a>,
@@ -176,7 +180,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Notes what becomes of the faces of a cell that no other surface is near.
+    /// Records the fate of the faces in a cell that no other surface is near.
     fn settle(&mut self, node: &ModelNode<'a>, places: &[i32]) -> Result<()> {
         match self.table.fate(self.own, places) {
             Fate::Kept => Ok(()),

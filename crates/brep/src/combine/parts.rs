@@ -1,47 +1,53 @@
-//! Parts of the boundaries of two bodies, by what is in front of them and behind them: N. A. Tyukachev's indices of sets and of boundaries.
+//! Classes of the boundaries of two bodies, by the sets on both sides: N. A. Tyukachev's indices of
+//! sets and boundaries.
 
 use spinney_base::SetOperation;
 
-/// Part of the boundaries of two bodies, and what a set operation makes of it.
+/// A class of the boundaries of two bodies, and its use in a set operation.
 ///
-/// Sets have indices from 0 to 3: what is in both bodies, in the first alone, in the second alone, in neither. The index of a boundary is the sum of those
-/// of the sets on its sides. (Index 3 is that of two parts, where faces lie on each other: those that look the same way are between both and neither, those that look
-/// at each other are between the first alone and the second alone.)
+/// Sets have indices from 0 to 3: in both bodies, in the first only, in the second only, in
+/// neither. The index of a boundary is the sum of the indices of the sets on its two sides. (Two
+/// classes have index 3, where faces of both bodies coincide. Faces with equal orientation separate
+/// both from neither; faces with opposite orientation separate the first only from the second
+/// only.)
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct BoundaryPart {
-    /// Name of the part, in words.
+    /// Name of the class, in words.
     pub name: &'static str,
-    /// The sets behind it and in front of it, as its faces look; faces of both bodies look as those of the first.
+    /// Sets at the back and in front of the faces. Faces of both bodies are oriented as those of
+    /// the first.
     pub sets: [u8; 2],
-    /// Whether the result has each of these sets.
+    /// Whether each of these sets is in the result.
     pub is_inside: [bool; 2],
 }
 
 impl BoundaryPart {
-    /// The index of the boundary: 1 to 5.
+    /// Returns the index of the boundary: 1 to 5.
     pub fn index(&self) -> u8 {
         self.sets[0] + self.sets[1]
     }
 
-    /// Whether the result has these faces: it has one of the sets and not the other.
+    /// Whether the faces are in the result: exactly one of the two sets is.
     pub fn is_taken(&self) -> bool {
         self.is_inside[0] != self.is_inside[1]
     }
 
-    /// Whether the result has their backs: what was in front of them is inside.
+    /// Whether the faces are reversed in the result: the set in front of them is inside.
     pub fn is_turned(&self) -> bool {
         self.is_taken() && self.is_inside[1]
     }
 }
 
-/// The six parts of the boundaries of two bodies, and what a set operation makes of them: see [`combine`](super::combine()).
+/// Returns the six classes of the boundaries of two bodies, with their use in a set operation: see
+/// [`combine`](super::combine()).
 ///
 /// ```
 /// use spinney::SetOperation;
 /// use spinney::raw::brep::boundary_parts;
 ///
-/// // The difference: the first body's faces outside of the second one, and the backs of the second one's inside of the first.
+/// // The difference: faces of the first body outside of the second, and reversed faces of the
+/// // second inside of the first.
 /// let taken = boundary_parts(SetOperation::Difference).into_iter().filter(|part| part.is_taken());
 /// let found: Vec<_> = taken.map(|part| (part.index(), part.is_turned(), part.name)).collect();
 /// assert_eq!(found[0], (4, false, "A's faces outside of B"));

@@ -11,13 +11,14 @@ use spinney_crs::Crs;
 pub(super) struct Placed {
     pub(super) grid: Grid,
     grids: Vec<Grid>,
-    /// Of each model: steps of the grid in one of its own, and what is added then.
+    /// Per model: common grid units per unit of its own grid, then the offset in common grid units.
     shifts: Vec<(i64, [i64; 3])>,
 }
 
 impl Placed {
-    /// Finds the grid that holds all models exactly: that of the first, if it does; `None` if no unit of which theirs are
-    /// multiples leaves few enough of them.
+    /// Finds a grid on which all models' coordinates are exact: the first model's grid, if
+    /// possible. `None` if the units have no common divisor that leaves few enough units along the
+    /// longest side.
     pub(super) fn of(models: &[&ExactModel]) -> Result<Option<Placed>> {
         check_systems(models)?;
         let grids: Vec<&Grid> = models.iter().map(|model| model.grid()).collect();
@@ -38,7 +39,7 @@ impl Placed {
         let box_of = |model: usize| -> Result<Option<[[i64; 3]; 2]>> {
             Ok(bounds(models[model])?.map(|corners| corners.map(|corner| placed(model, corner))))
         };
-        // The first model's own grid, if there is room for all.
+        // The first model's own grid, if it covers all models.
         let ((times, mut origin), mut bits) = (shifts[0], models[0].grid().bits);
         let fits = |[low, high]: [[i64; 3]; 2]| {
             (0..3).all(|axis| low[axis] >= origin[axis] && high[axis] - origin[axis] < 1 << bits)
@@ -46,7 +47,7 @@ impl Placed {
         let mut is_own = times == 1;
         for (model, file) in models.iter().enumerate() {
             let last = ((1u64 << file.grid().bits) - 1) as i32;
-            // (That all of its grid has room is known without a look at faces.)
+            // (A grid that covers the other model's whole grid needs no bounds of faces.)
             is_own = is_own
                 && (fits([[0; 3], [last; 3]].map(|corner| placed(model, corner)))
                     || box_of(model)?.is_none_or(fits));
@@ -58,7 +59,7 @@ impl Placed {
                 least = [0, 1, 2].map(|axis| least[axis].min(low[axis]));
                 most = [0, 1, 2].map(|axis| most[axis].max(high[axis]));
             }
-            // (No model may have a face.)
+            // (All models may be without faces.)
             if least[0] <= most[0] {
                 origin = least;
             }
@@ -75,7 +76,7 @@ impl Placed {
         Ok(Some(Placed { grid, grids: grids.into_iter().cloned().collect(), shifts }))
     }
 
-    /// Some of the models, on the same grid.
+    /// Returns a subset of the models, on the same grid.
     pub(super) fn of_those(&self, those: &[usize]) -> Placed {
         Placed {
             grid: self.grid.clone(),
@@ -84,26 +85,26 @@ impl Placed {
         }
     }
 
-    /// Steps of the common grid in one of a model's own.
+    /// Returns the common grid's units per unit of a model's own grid.
     pub(super) fn times(&self, model: usize) -> i64 {
         self.shifts[model].0
     }
 
-    /// A point of a model on the common grid.
+    /// Converts a point of a model's grid to the common grid.
     pub(super) fn point(&self, model: usize, point: [i32; 3]) -> [i32; 3] {
         let (times, shift) = self.shifts[model];
         [0, 1, 2].map(|axis| (times * i64::from(point[axis]) + shift[axis]) as i32)
     }
 
-    /// The cell of a model's node in half steps of the common grid.
+    /// Returns a model's cell in half units of the common grid.
     pub(super) fn half_units(&self, model: usize, node: &ModelNode<'_>) -> [[i64; 3]; 2] {
         let (times, shift) = self.shifts[model];
         let bounds = node.bounds(&self.grids[model]);
         bounds.map(|corner| [0, 1, 2].map(|axis| times * corner[axis] + 2 * shift[axis]))
     }
 
-    /// The winding number of a model's surface all over the cell that has a point of the common grid, in half steps; `None` if faces are
-    /// in the cell or near it.
+    /// Returns the winding number of a model's surface in the cell that contains a point, given in
+    /// half units of the common grid. `None` if faces are in or near that cell.
     pub(super) fn winding_at(
         &self,
         models: &[&ExactModel],
@@ -124,13 +125,13 @@ impl Placed {
         Ok(node.winding())
     }
 
-    /// A point beside a model's grid on the common one.
+    /// Converts an exact point of a model to the common grid.
     pub(super) fn exact_point(&self, model: usize, point: ExactPoint) -> ExactPoint {
         let (times, shift) = self.shifts[model];
         point.placed(times, shift)
     }
 
-    /// A face with corners beside a model's grid on the common one.
+    /// Converts an exact face of a model to the common grid.
     pub(super) fn exact(&self, model: usize, face: ExactFace) -> ExactFace {
         let (times, shift) = self.shifts[model];
         let corner = |corner: Corner| Corner {
@@ -145,8 +146,9 @@ impl Placed {
     }
 }
 
-/// Least and greatest coordinates of a model on its grid: what is thinner than a step may be nowhere in the octree. Corners
-/// off the grid are less than a unit from there, which are several units of a finer grid.
+/// Returns the bounds of a model on its grid. They come from the faces, since the octree may miss
+/// what is thinner than a grid unit. Exact vertices get a margin of one unit, since they round by
+/// less than that, but to several units of a finer grid.
 pub(super) fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
     let mut found = model.grid_bounds()?;
     model.each_exact(&mut |face| {
@@ -163,7 +165,7 @@ pub(super) fn bounds(model: &ExactModel) -> Result<Option<[[i32; 3]; 2]>> {
     Ok(found.map(|[low, high]| [low.map(|at| at - margin), high.map(|at| at + margin)]))
 }
 
-/// Fails if models tell different coordinate systems or units of length.
+/// Fails if the models' coordinate systems or units of length differ.
 fn check_systems(models: &[&ExactModel]) -> Result<()> {
     let names: Vec<String> = models.iter().map(|model| model.path().display().to_string()).collect();
     let mut known: Option<(&str, &Crs)> = None;
@@ -185,24 +187,24 @@ fn check_systems(models: &[&ExactModel]) -> Result<()> {
     Ok(())
 }
 
-/// The finest of some grids, or the coarsest fraction of its unit of which all units are multiples; `None` if there is no such
-/// fraction that is of use.
+/// Returns the finest grid, or a grid with the coarsest fraction of its unit that divides all
+/// units. `None` if no fraction of at most `MAX_PARTS` does.
 fn finest_unit(grids: &[&Grid]) -> Option<Grid> {
-    /// Most parts of a unit, such as 5 for units of 0.01 and 0.025.
+    /// Maximum denominator of the fraction, such as 5 for units of 0.01 and 0.025.
     const MAX_PARTS: u32 = 1000;
     let finest =
         grids.iter().copied().reduce(|best, grid| if grid.width() < best.width() { grid } else { best })?;
     let of_parts = |parts: u32| Grid { divisor: finest.divisor * f64::from(parts), ..finest.clone() };
-    // (Divisors are integers or small: products beyond that are not compared exactly, and not found.)
+    // (Divisors are integers or small. Products beyond that are not exact, and so not found.)
     (1..=MAX_PARTS).map(of_parts).find(|unit| grids.iter().all(|grid| grid.steps_of(unit).is_some()))
 }
 
-/// A box on a grid, in the world.
+/// Converts a box on a grid to world coordinates.
 pub(super) fn world_box(grid: &Grid, corners: [[i32; 3]; 2]) -> [[f64; 3]; 2] {
     corners.map(|corner| grid.to_world(corner))
 }
 
-/// The error of models whose grids have no unit in common, where none of them may be moved.
+/// Returns the error for grids without a common unit, where models must not be moved.
 pub(super) fn unlike_grids(models: &[&ExactModel]) -> Error {
     let widths: Vec<String> = models.iter().map(|model| model.grid().width().to_string()).collect();
     let corners = models.iter().flat_map(|model| {

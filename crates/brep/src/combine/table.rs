@@ -1,17 +1,18 @@
-//! Tables of set operations: which places belong to the result.
+//! Truth tables of set operations: which points belong to the result.
 
 use spinney_base::{Error, Result, SetOperation};
 
-/// A set operation on a number of bodies. On more than two bodies, the intersection is what is in all, the difference what is in
-/// the first alone, the symmetric difference what is in an odd number of them, the union what is in any; these and the empty
-/// set have complements. On one body there are the operations that depend on no second.
+/// A set operation on a number of bodies. On more than two bodies, the intersection is what is in
+/// all bodies, the difference what is in the first only, the symmetric difference what is in an odd
+/// number of bodies, the union what is in any. These four and the empty set have complements. One
+/// body has the operations that do not depend on a second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct OperationTable {
     operation: SetOperation,
     count: usize,
 }
 
-/// Fate of a face that touches no other body.
+/// Fate of a face that touches no other body. `Turned` is reversed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Fate {
     Kept,
@@ -34,7 +35,8 @@ impl OperationTable {
         Ok(OperationTable { operation, count })
     }
 
-    /// The fate of a face of a body where it is in other bodies, or not; the body's own place does not matter.
+    /// Returns the fate of a face of body `own`, from the winding number of each other body around
+    /// it. The entry of `own` is ignored.
     pub(super) fn fate(self, own: usize, places: &[i32]) -> Fate {
         let inside = |place: i32| {
             let mut places = places.to_vec();
@@ -48,7 +50,7 @@ impl OperationTable {
         }
     }
 
-    /// The bodies that the result depends on, and the operation on them.
+    /// Returns the bodies on which the result depends, and the operation on them.
     pub(super) fn on_those_that_matter(self) -> (Vec<usize>, OperationTable) {
         let of_one = |operation| OperationTable { operation, count: 1 };
         match (self.operation, self.count) {
@@ -60,7 +62,7 @@ impl OperationTable {
         }
     }
 
-    /// Whether a place belongs to the result that lies in those of the bodies.
+    /// Whether a point with these winding numbers belongs to the result.
     pub(super) fn is_inside(self, bodies: &[i32]) -> bool {
         let is_in = |body: usize| bodies.get(body).is_some_and(|winding| *winding > 0);
         if self.count <= 2 {
@@ -82,7 +84,8 @@ impl OperationTable {
 mod tests {
     use super::*;
 
-    /// Tyukachev's table of the sets: A and B, A alone, B alone, neither, as bits of the operation.
+    /// Tyukachev's table of sets, as bits of the operation: in A and B, in A only, in B only, in
+    /// neither.
     #[test]
     fn tables_are_those_of_the_literature() {
         let places = [[1, 1], [1, 0], [0, 1], [0, 0]];
@@ -91,7 +94,7 @@ mod tests {
             let found: u8 =
                 (0..).zip(places).map(|(bit, place)| u8::from(table.is_inside(&place)) << bit).sum();
             assert_eq!(found, operation.index());
-            // Those of many are the same for two, and go on with the third where that is in nothing, or in what was there.
+            // Operations on many bodies match those on two where the third body adds nothing.
             let Ok(of_three) = OperationTable::new(operation, 3) else { continue };
             for [a, b] in places {
                 let nothing = of_three.is_inside(&[a, b, 0]);

@@ -1,4 +1,5 @@
-//! The algebra of sets, in rational numbers: volumes modulo a prime, where every fraction has its exact place.
+//! The algebra of sets, in rational arithmetic: volumes modulo a prime, where every fraction has an
+//! exact representation.
 
 use std::collections::{HashMap, HashSet};
 
@@ -26,12 +27,12 @@ fn random(seed: u64) -> impl FnMut(i32) -> i32 {
     }
 }
 
-/// A file of triangles, open.
+/// Builds and opens a model of triangles.
 fn model(triangles: &[[[i32; 3]; 3]]) -> ExactModel {
     model_of_leaves(triangles, LEAF_SIZE)
 }
 
-/// [`model`] with cells of so many faces.
+/// [`model`] with a given maximum of faces per leaf.
 fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel {
     let grid = Grid { bits: 26, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let mut list = FaceList::new(grid.clone(), vec!["body".into()]);
@@ -48,7 +49,7 @@ fn model_of_leaves(triangles: &[[[i32; 3]; 3]], leaf_size: usize) -> ExactModel 
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }
 
-/// A tetrahedron's faces, turned outwards; `None` if it is flat.
+/// A tetrahedron's faces, oriented outwards; `None` if it is flat.
 fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
     let normal = ring_normal(&[a, b, c]);
     let height: i128 = (0..3).map(|axis| i128::from(normal[axis]) * i128::from(d[axis] - a[axis])).sum();
@@ -60,7 +61,7 @@ fn tetrahedron([a, b, c, d]: Tetrahedron) -> Option<Vec<[[i32; 3]; 3]>> {
     }
 }
 
-/// The result of an operation, which is what a file has to be.
+/// The result of an operation, written to a file and checked.
 fn combined(operation: u8, models: &[&ExactModel]) -> ExactModel {
     let model = result(operation, models);
     assert_eq!(model.verify(64 << 20, &()).unwrap(), []);
@@ -97,8 +98,8 @@ fn power(mut base: i128, mut exponent: i128) -> i128 {
     result
 }
 
-/// Six times the volume, modulo the prime: the sum of cones over the faces. It also depends on where the body lies if the
-/// surface is open.
+/// Six times the volume, modulo the prime: the sum of cones over the faces. For an open surface, it
+/// depends on the body's position.
 fn six_volumes(model: &ExactModel) -> i128 {
     let mut sum = 0;
     let mut add = |ring: &[[i128; 3]]| {
@@ -139,7 +140,7 @@ fn six_volumes(model: &ExactModel) -> i128 {
     sum.rem_euclid(P)
 }
 
-/// Random bodies: tetrahedra, some with corners of others.
+/// Random bodies: tetrahedra, some with shared vertices.
 fn bodies(seed: u64, far: i32, count: usize) -> Vec<ExactModel> {
     let mut number = random(seed);
     let mut known: Vec<[i32; 3]> = Vec::new();
@@ -157,7 +158,7 @@ fn bodies(seed: u64, far: i32, count: usize) -> Vec<ExactModel> {
     found
 }
 
-/// Grids of few points, where much is in one plane, and of all.
+/// Grid sizes: few points, so that many faces are coplanar, up to the maximum.
 const SIZES: [i32; 4] = [4, 9, 1000, (1 << 26) - 1];
 
 #[test]
@@ -166,7 +167,7 @@ fn volumes_add_up() {
         let bodies = bodies(seed, SIZES[seed as usize % 4], 2);
         let [a, b] = [&bodies[0], &bodies[1]];
         let volumes: Vec<i128> = (0..16).map(|n| six_volumes(&combined(n, &[a, b]))).collect();
-        // (A complement has the volume of what it leaves out, as less than nothing.)
+        // (A complement has the negative volume of what it leaves out.)
         for number in 0..16usize {
             let parts = if number & 8 == 0 { number } else { 15 - number };
             let sum: i128 = (0..3).filter(|bit| parts >> bit & 1 == 1).map(|bit| volumes[1 << bit]).sum();
@@ -178,7 +179,7 @@ fn volumes_add_up() {
     }
 }
 
-/// Fails unless two bodies are the same.
+/// Fails unless two bodies are equal.
 fn assert_same(a: &ExactModel, b: &ExactModel, what: &str) {
     let difference = combined(6, &[a, b]);
     assert_eq!((difference.len(), difference.is_unbounded()), (0, false), "{what}");
@@ -196,7 +197,7 @@ fn laws_of_sets_hold() {
             |x: &ExactModel, y: &ExactModel| combined(1, &[x, y]),
             |x: &ExactModel, y: &ExactModel| combined(7, &[x, y]),
         );
-        // (Each operation that several laws need is done once.)
+        // (Operations that several laws need are computed once.)
         let (not_b, a_and_b, a_or_b, b_or_c) = (&not(b), &and(a, b), &or(a, b), &or(b, c));
         let a_minus_b = &combined(2, &[a, b]);
         assert_same(a, a, &what("A xor A"));
@@ -212,7 +213,7 @@ fn laws_of_sets_hold() {
     }
 }
 
-/// Operations on results, on lattices of few points, where many planes go through one edge.
+/// Operations on results, on lattices of few points, where many planes share an edge.
 #[test]
 fn volumes_of_results_add_up() {
     let of = |corners: Tetrahedron| model(&tetrahedron(corners).unwrap());
@@ -241,8 +242,8 @@ fn volumes_of_results_add_up() {
     }
 }
 
-/// Whether a point, in quarters of steps, is in a tetrahedron whose corners come as [`tetrahedron`] turns its faces; `None` if it is
-/// closer than two steps to one of its planes.
+/// Whether a point, in quarters of a grid unit, is in a tetrahedron with faces as from
+/// [`tetrahedron`]; `None` if it is closer than two grid units to one of its planes.
 fn is_in(faces: &[[[i32; 3]; 3]], point: [i32; 3]) -> Option<bool> {
     let mut is_inside = true;
     for face in faces {
@@ -258,8 +259,8 @@ fn is_in(faces: &[[[i32; 3]; 3]], point: [i32; 3]) -> Option<bool> {
     Some(is_inside)
 }
 
-/// Operations one after the other: their volumes add up each time, places are inside or not as the operations on the operands'
-/// places say, and only what is near is arranged anew.
+/// Chains of operations: volumes add up each time, and a point is inside if the operations on its
+/// states in the operands say so.
 #[test]
 fn chains_of_operations() {
     const SIDE: i32 = 400;
@@ -292,7 +293,7 @@ fn chains_of_operations() {
         }
         let mut seen = [0; 2];
         for _ in 0..1000 {
-            // Beside the mean of four corners of one of the bodies.
+            // Near the mean of four vertices of one body.
             let corners = steps[number(steps.len() as i32) as usize].1.as_flattened();
             let chosen: [_; 4] = std::array::from_fn(|_| corners[number(corners.len() as i32) as usize]);
             let point = [0, 1, 2]
@@ -313,7 +314,8 @@ fn chains_of_operations() {
     }
 }
 
-/// Faces far from the other body are not arranged anew, also where earlier operations have left corners beside the grid.
+/// Faces far from the other body are not arranged, even if earlier operations left off-grid
+/// vertices.
 #[test]
 fn only_what_is_near_is_arranged() {
     let mut all = model(&block(7, [100; 3], None));
@@ -325,12 +327,12 @@ fn only_what_is_near_is_arranged() {
         let other = model(&tetrahedron(solid).unwrap());
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("x.goblin");
-        // (Less than the faces of the whole would take to be divided again.)
+        // (Too little to divide all faces again.)
         let memory = 512 << 10;
         let report =
             combine(set(2), &[&all, &other], Output::create(&path).unwrap(), Codec::Plain, memory, &())
                 .unwrap();
-        // (The last one is within the body, where all its faces are turned.)
+        // (The last operand is within the body, and all its faces are reversed.)
         let expected = if step < 3 { 5..60 } else { 0..1 };
         assert!(expected.contains(&report.near), "{step}: {} of {}", report.near, report.after);
         all = ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap();
@@ -339,7 +341,7 @@ fn only_what_is_near_is_arranged() {
     }
 }
 
-/// Faces of the operand whose octree is taken over are numbered anew where some of them go, are turned, or stay.
+/// Faces of the base are renumbered where some are removed, reversed or kept.
 #[test]
 fn numbers_of_faces_that_stay_are_those_of_leaves() {
     let bodies: Vec<[[i32; 3]; 3]> = (0..6)
@@ -349,7 +351,8 @@ fn numbers_of_faces_that_stay_are_those_of_leaves() {
         })
         .collect();
     let all = model(&bodies);
-    // Around the second and third of them, which have lower numbers than those behind them.
+    // Around the second and third body, whose faces have lower numbers than those of the later
+    // ones.
     let around = |low: i32, size: i32| {
         let corner = |more: [i32; 3]| [0, 1, 2].map(|axis| [low, 0, 0][axis] + more[axis] * size);
         tetrahedron([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(corner)).unwrap()
@@ -362,7 +365,7 @@ fn numbers_of_faces_that_stay_are_those_of_leaves() {
     }
 }
 
-/// Leaves of a model's octree without exact faces near, with their kinds and the box in half steps.
+/// Leaves of a model's octree: kinds, faces, and boxes in half units.
 fn leaves(model: &ExactModel) -> Vec<(NodeKind, Vec<u64>, [[i64; 3]; 2])> {
     let (mut open, mut found) = (vec![model.root().unwrap()], Vec::new());
     while let Some(node) = open.pop() {
@@ -374,7 +377,8 @@ fn leaves(model: &ExactModel) -> Vec<(NodeKind, Vec<u64>, [[i64; 3]; 2])> {
     found
 }
 
-/// The winding number of a model all over a box; `None` if there are faces in it.
+/// The winding number of a model throughout a box, -2 if it varies; `None` if there are faces in
+/// it.
 fn winding_in(model: &ExactModel, node: &ModelNode<'_>, [low, high]: &[[i64; 3]; 2]) -> Option<i32> {
     let cell = node.bounds(model.grid());
     if (0..3).any(|axis| cell[1][axis] < low[axis] || high[axis] < cell[0][axis]) {
@@ -388,7 +392,8 @@ fn winding_in(model: &ExactModel, node: &ModelNode<'_>, [low, high]: &[[i64; 3];
     parts?.into_iter().filter(|winding| *winding >= 0).reduce(|a, b| if a == b { a } else { -2 })
 }
 
-/// The surface of a block of 800 steps, in triangles whose corners are moved a little, all of them or those in one layer.
+/// The surface of a block with a side of 800 grid units: triangles with vertices that are moved a
+/// little, in all layers or one.
 fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
     const PARTS: i32 = 10;
     let mut number = random(seed);
@@ -420,15 +425,16 @@ fn block(seed: u64, from: [i32; 3], layer: Option<i32>) -> Vec<[[i32; 3]; 3]> {
     faces
 }
 
-/// The tables of N. Navazo and others (six states of a cell by six): a cell in which one body has faces, of whatever kind, and the
-/// other is VOID or FULL keeps its faces, has them turned round or loses them, as the operation's table says; where both are VOID
-/// or FULL, so is the result.
+/// The tables of N. Navazo and others (six states of a cell by six). Where one body has faces of
+/// any kind and the other is VOID or FULL, the cell's faces are kept, reversed or dropped by the
+/// operation's table. Where both are VOID or FULL, so is the result.
 #[test]
 fn cells_are_as_the_tables_say() {
     /// The operations that depend on both bodies.
     const BOTH: [u8; 10] = [1, 2, 4, 6, 7, 8, 9, 11, 13, 14];
     let mut seen: HashSet<(u8, usize, u8, i32)> = Default::default();
-    // Cells end where all faces are in one plane, and such ones are large: none of them is within the other body.
+    // Subdivision ends where all faces of a cell are coplanar. Such cells are large, and none is
+    // within the other body.
     for (from, layers) in [([500, 520, 540], None), ([600, 620, 640], Some([10, 0]))] {
         let [first, second] = [0, 1].map(|body| layers.map(|layers| layers[body]));
         let bodies = [block(400, [100; 3], first), block(400, from, second)];
@@ -438,7 +444,8 @@ fn cells_are_as_the_tables_say() {
             model.face(number, &mut buffer).unwrap();
             buffer.points
         };
-        // Of each body: its leaves, those of each face, and on which side of the other body leaves are that are far from it.
+        // Per body: its leaves, the leaves of each face, and per leaf the other body's winding
+        // number if that is far.
         let described = [0, 1].map(|own| {
             let (all, other) = (leaves(&bodies[own]), &bodies[1 - own]);
             let mut cells_of: HashMap<u64, Vec<usize>> = HashMap::new();
@@ -472,7 +479,7 @@ fn cells_are_as_the_tables_say() {
             let find = |at: [i64; 3]| result.leaf_at(at, 1).unwrap();
             for own in 0..2 {
                 let (model, (all, cells_of, sides)) = (&bodies[own], &described[own]);
-                // A face is what its cells say; where all of these are far, it is as it was.
+                // The cells of a face decide: if all are far, the face is unchanged.
                 for (&face, cells) in cells_of {
                     let Some(sides) = cells.iter().map(|cell| sides[*cell]).collect::<Option<Vec<i32>>>()
                     else {
@@ -494,7 +501,7 @@ fn cells_are_as_the_tables_say() {
                         seen.insert((operation, own, all[*cell].0 as u8, sides[0]));
                     });
                 }
-                // Places where both are VOID or FULL.
+                // Points where both are VOID or FULL.
                 for (_, _, [low, _]) in all.iter().step_by(7) {
                     for way in 0..6 {
                         let mut at = *low;
@@ -514,7 +521,8 @@ fn cells_are_as_the_tables_say() {
     for operation in BOTH {
         for kind in [NodeKind::Face, NodeKind::Edge, NodeKind::Vertex, NodeKind::Boolean] {
             for side in [0, 1] {
-                // (Within the other body, what is far from its surface has cells of several planes.)
+                // (Within the other body, leaves far from its surface have faces of several
+                // planes.)
                 let is_rare = (kind, side) == (NodeKind::Face, 1);
                 let is_seen = is_rare || (0..2).any(|own| seen.contains(&(operation, own, kind as u8, side)));
                 assert!(is_seen, "no cell of the kind {kind:?} with {side} in operation {operation}");

@@ -1,36 +1,38 @@
-//! Values of the faces of models, which go to the faces that a result has of these.
+//! Values of the operands' faces, copied to the faces of the result.
 
 use std::collections::{BTreeMap, HashSet};
 
 use crate::{ExactModel, Face, ModelBuilder};
 use spinney_base::Result;
 
-/// Values of the faces of models. They stay in the files until a face of the result is written: what is held is where they are.
+/// Values of the faces of models. Only their locations are in memory; the values are read when a
+/// face of the result is written.
 pub(super) struct FaceValues<'a> {
     models: &'a [&'a ExactModel],
-    /// Of each model: numbers and names of the columns that the result keeps.
+    /// Per model: numbers and names of the columns that the result keeps.
     columns: Vec<Vec<(u32, String)>>,
-    /// Faces by their parts and sources in the result: the model of one, and its number there; nothing where others of its source have other
-    /// values.
+    /// By part and source in the result: a model's face, by model and number; `None` if faces of
+    /// this source have different values.
     origins: BTreeMap<(u32, u64), Option<(usize, u32)>>,
-    /// Columns that the result does not keep, because there are too many.
+    /// Columns that the result drops, since there are too many.
     pub(super) lost_columns: u64,
-    /// Faces of the result whose values are not known.
+    /// Faces of the result without values, since those of their source differ.
     pub(super) lost_values: u64,
 }
 
 impl<'a> FaceValues<'a> {
-    /// Bytes of memory for a face whose values are found by its source.
+    /// Bytes per face whose values are found by its source.
     pub(super) const BYTES: u64 = 80;
 
-    /// Those of some models. Columns with the same name become one; of very many, the first ones are kept.
+    /// Collects the columns of some models. Columns with the same name are joined. If there are
+    /// more than [`ModelBuilder::MAX_COLUMNS`] names, the first ones are kept.
     pub(super) fn of(models: &'a [&'a ExactModel]) -> Result<FaceValues<'a>> {
         let mut names: HashSet<String> = HashSet::new();
         let (mut columns, mut lost_columns) = (Vec::new(), 0);
         for model in models {
             let (mut own, mut taken) = (Vec::new(), HashSet::new());
             for (number, name) in (0..).zip(model.face_columns()?) {
-                // (Lists of one name, each of which is there once, but for damaged files.)
+                // (Each column has one name, and names are unique, except in corrupt files.)
                 let Some(name) = name.into_iter().next().filter(|name| taken.insert(name.clone())) else {
                     continue;
                 };
@@ -46,12 +48,13 @@ impl<'a> FaceValues<'a> {
         Ok(FaceValues { models, columns, origins: BTreeMap::new(), lost_columns, lost_values: 0 })
     }
 
-    /// Bytes of memory that they take.
+    /// Returns the memory use in bytes.
     pub(super) fn bytes(&self) -> u64 {
         self.origins.len() as u64 * Self::BYTES
     }
 
-    /// Notes that faces of the result may come of a model's face, whose part and source are those of the result.
+    /// Records a model's face from which faces of the result may come. Part and source are those of
+    /// the result.
     pub(super) fn note(&mut self, model: usize, face: &Face<'_>) -> Result<()> {
         if self.columns[model].is_empty() {
             return Ok(());
@@ -69,13 +72,13 @@ impl<'a> FaceValues<'a> {
         Ok(())
     }
 
-    /// Gives the face that a builder was given last the values of a model's face of that number.
+    /// Sets the values of the builder's last face to those of a model's face.
     pub(super) fn copy(&self, model: usize, number: u64, builder: &mut ModelBuilder) -> Result<()> {
         let values = self.values((model, number as u32))?;
         values.iter().try_for_each(|(name, json)| builder.face_value(name, json))
     }
 
-    /// Gives the face that a builder was given last the values that the faces of its part and source have.
+    /// Sets the values of the builder's last face to those of its part and source.
     pub(super) fn give(&mut self, face: &Face<'_>, builder: &mut ModelBuilder) -> Result<()> {
         match self.origins.get(&(face.part, face.source)).copied() {
             Some(Some((model, number))) => self.copy(model, number.into(), builder),
@@ -87,7 +90,7 @@ impl<'a> FaceValues<'a> {
         }
     }
 
-    /// Names of columns, and values of a model's face.
+    /// Returns the column names and values of a model's face.
     fn values(&self, (model, number): (usize, u32)) -> Result<Vec<(&str, String)>> {
         let mut values = Vec::new();
         for (column, name) in &self.columns[model] {

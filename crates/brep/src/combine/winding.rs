@@ -1,4 +1,4 @@
-//! Winding numbers of points with rational coordinates, by the octree: along a line to the first cell that no face cuts.
+//! Winding numbers of rational points from the octree: along a ray to the first cell without faces.
 
 use std::collections::HashSet;
 use std::ops::ControlFlow;
@@ -12,8 +12,8 @@ use crate::exact::normal::ring_normal;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Result, sort};
 
-/// The winding number of a model's surface around a sample that lies on none of its faces. Where faces stand in for others with corners
-/// beside the grid, these are asked.
+/// Returns the winding number of a model's surface around a sample that lies on none of its faces.
+/// Counts exact faces instead of their proxies.
 pub(super) fn winding(
     model: &ExactModel,
     number: usize,
@@ -22,17 +22,18 @@ pub(super) fn winding(
 ) -> Result<i32> {
     let mut line = LineWalk::new(model, number, placed, sample, true);
     let root = model.root()?;
-    // Where a cell begins that is all inside or all outside, and on which side it is.
-    // Invariant: the line ends in a cell that no face cuts and none with corners beside the grid is near, or
-    // behind all of them: there the winding number is the same for points that are moved a little in different
-    // ways, as those of cells are and those of samples, and for the surface of the faces that stand in. And
-    // every face that the line meets before is in a leaf that it goes through. (But for leaves that end within
-    // 1e-6 of the point, which are passed over.)
+    // Height at which a cell without faces starts, and the winding number in the cell.
+    // Invariant: the ray ends in a cell that no face cuts and that no exact face is near, or after
+    // all faces. There, the winding number does not depend on how ties are broken (cells and
+    // samples do so in different ways), or on whether proxies or exact faces are counted. Every
+    // face that the ray meets before is in a leaf along the ray. (Leaves that end within 1e-6 of
+    // the point are skipped.)
     let (end, mut winding) = match line.node(&root)? {
         ControlFlow::Break((at, side)) => (Some(at), side),
         ControlFlow::Continue(()) => (None, model.far_winding()),
     };
-    // The change where a face is crossed on the way: what is met where the cell begins does not go on into it.
+    // Change of the winding number at a face, if the ray crosses it. A face beyond the start of the
+    // final cell does not count.
     let change = |plane: &ExactPlane| {
         let up = plane.normal[sample.axis].signum() as i32;
         let is_above = sample.side(plane) * up < 0;
@@ -68,18 +69,19 @@ pub(super) fn winding(
     Ok(winding)
 }
 
-/// The change in the winding number of the result's surface above a sample by those faces that are not near other bodies; none of these is at
-/// the sample.
+/// Returns the change of the result's winding number above a sample by settled faces. None of these
+/// contains the sample.
 ///
-/// Invariant: each face that the line meets is in a leaf that it goes through, and counts once, with the fate that it has in the result, so that
-/// these faces and those that are near are the whole surface, each once.
+/// Invariant: each face that the ray meets is in a leaf along the ray, and counts once, with its
+/// fate in the result. So settled faces and arranged faces together are the whole surface, each
+/// counted once.
 pub(super) fn settled_above(bodies: &Bodies<'_>, sample: &SamplePoint<'_>) -> Result<i32> {
     let (mut buffer, mut points) = (FaceBuffer::default(), Vec::new());
     let mut known = HashSet::new();
     let mut sum = 0;
     for (number, model) in bodies.models.iter().enumerate() {
         let mut line = LineWalk::new(model, number, bodies.placed, sample, false);
-        // (To its end: it breaks off nowhere.)
+        // (Never stops early.)
         let _ = line.node(&model.root()?)?;
         known.clear();
         for face in line.faces.into_iter().filter(|face| known.insert(*face)) {
@@ -106,11 +108,11 @@ struct LineWalk<'a> {
     number: usize,
     placed: &'a Placed,
     sample: &'a SamplePoint<'a>,
-    /// Whether it ends in the first cell that no face cuts.
+    /// Whether to stop at the first cell without faces.
     stops: bool,
-    /// Faces of the cells that the line goes through, some of them several times.
+    /// Faces of the cells along the ray, with repetitions.
     faces: Vec<u64>,
-    /// Those with corners beside the grid that are near these cells.
+    /// Exact faces near these cells, with repetitions.
     exact: Vec<u32>,
 }
 
@@ -125,11 +127,12 @@ impl<'a> LineWalk<'a> {
         LineWalk { model, number, placed, sample, stops, faces: Vec::new(), exact: Vec::new() }
     }
 
-    /// Follows the line through a cell, if it gets there: stops at a part that no face cuts, with the place where that begins.
+    /// Follows the ray through a cell, if it gets there. With `stops`, breaks at the first subcell
+    /// without faces, with the height at which it starts and its winding number.
     fn node(&mut self, node: &ModelNode<'a>) -> Result<ControlFlow<(i64, i32)>> {
         let [low, high] = self.placed.half_units(self.number, node);
         let SamplePoint { axis, near, .. } = *self.sample;
-        // (A cell that ends where the point is may be passed over where others follow.)
+        // (A cell that ends at the point may be skipped, if others follow.)
         let margin = if self.stops { MARGIN } else { -MARGIN };
         if (high[axis] as f64) / 2.0 < near[axis] + margin || !self.sample.is_between(&low, &high) {
             return Ok(ControlFlow::Continue(()));
@@ -142,7 +145,7 @@ impl<'a> LineWalk<'a> {
             self.exact.extend(node.near());
             return Ok(ControlFlow::Continue(()));
         }
-        // Those that lie first along the axis, first.
+        // In order along the axis.
         let mut children: Vec<usize> = (0..8).collect();
         sort::by_key(&mut children, |child| (child >> axis & 1) as u64);
         for child in children {

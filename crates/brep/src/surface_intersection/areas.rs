@@ -1,4 +1,4 @@
-//! Areas in which two surfaces lie on each other.
+//! Areas in which two surfaces coincide.
 
 use std::collections::BTreeMap;
 
@@ -10,10 +10,10 @@ use crate::exact::vector::{cross, subtract};
 use crate::query::SectionPolygon;
 use spinney_base::{Progress, Result, parallel, sort};
 
-/// Finds the areas of faces that lie on each other, those beside each other as one.
+/// Returns the areas in which faces of both bodies coincide. Adjacent areas of one kind are merged.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, or on interruption.
+/// If `memory` bytes are insufficient, or on cancellation.
 pub(crate) fn areas(
     surface: &Surface<'_>,
     contacts: &[Contact],
@@ -21,7 +21,7 @@ pub(crate) fn areas(
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Vec<IntersectionArea>> {
-    /// Bytes of a vertex with its edges and loops.
+    /// Bytes per vertex, with its edges and loops.
     const VERTEX: u64 = 1 << 10;
     let groups = groups(contacts);
     let gives_up = |vertices: usize| vertices as u64 * VERTEX > memory || progress.interrupted();
@@ -38,7 +38,8 @@ pub(crate) fn areas(
     Ok(all)
 }
 
-/// Faces of one plane that lie on each other, with all that hang together by that; by their first faces.
+/// Groups coplanar faces that overlap, directly or through other faces of the group, by their first
+/// faces.
 fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     let pairs: Vec<[u32; 2]> =
         contacts.iter().filter(|contact| contact.in_plane).map(|contact| contact.faces).collect();
@@ -57,7 +58,7 @@ fn groups(contacts: &[Contact]) -> Vec<Vec<u32>> {
     groups.into_values().collect()
 }
 
-/// The areas of faces of one plane; `None` if they give up.
+/// Returns the areas of faces of one plane; `None` if it was aborted.
 fn areas_of(
     surface: &Surface<'_>,
     faces: &[u32],
@@ -70,7 +71,7 @@ fn areas_of(
     for &face in faces {
         surface.edges(face, axis, |segment| segments.push(segment));
     }
-    // To which sides the faces of both bodies are turned that are there.
+    // Orientation of each body's face at a sample.
     let sides = |sample: &SamplePoint<'_>| -> Option<[bool; 2]> {
         let mut sides = [None; 2];
         surface.each_at(sample, |face| {
@@ -85,7 +86,7 @@ fn areas_of(
     let found = regions(plane, &segments, &[], gives_up, choose)?;
     let area = |(region, [is_up, other_is_up]): (PlaneRegion, [bool; 2])| {
         let ring = |corners: &Vec<Corner>| {
-            // (Rings turn as seen from the axis' positive end.)
+            // (Rings are oriented as seen from the axis's positive end.)
             let mut ring: Vec<[f64; 3]> = corners.iter().map(|corner| corner.point.to_world(grid)).collect();
             if !is_up {
                 ring.reverse();
@@ -100,7 +101,7 @@ fn areas_of(
     Some(found.into_iter().map(area).collect())
 }
 
-/// The area of a polygon with holes in a plane.
+/// Returns the area of a planar polygon with holes.
 fn size(rings: &[Vec<[f64; 3]>]) -> f64 {
     let base = rings[0][0];
     let mut sum = [0.0; 3];

@@ -1,7 +1,8 @@
-//! Faces around a segment: which of them go on from it, and which of these are inside of the other body.
+//! Faces around a segment: which of them continue from it, and which of these are inside of the
+//! other body.
 //!
-//! A face that a segment passes through is two half-planes there, one along whose edge it runs is one. Around the segment, half-planes
-//! of a closed surface are walls between places inside and outside.
+//! A face that a segment crosses is two half-planes; a face along whose edge it runs is one. Around
+//! the segment, the half-planes of a closed surface are walls between the inside and the outside.
 
 use std::cmp::Ordering;
 
@@ -16,32 +17,33 @@ pub(super) struct HalfPlane {
     pub(super) face: u32,
     /// Whether it is to the left of the segment, as seen from outside.
     pub(super) is_left: bool,
-    /// A vector from the segment into it, upright on the segment.
+    /// A vector from the segment into the face, perpendicular to the segment.
     along: [I256; 3],
 }
 
-/// A segment with its direction: not rounded, and not of any particular length.
+/// The direction of a segment: exact, of arbitrary length.
 pub(super) struct SegmentAxis {
     direction: [i128; 3],
-    /// Where the direction is longest.
+    /// Axis of the direction's largest component.
     main: usize,
 }
 
 impl SegmentAxis {
-    /// The line of two faces' planes.
+    /// Returns the direction of the line of two faces' planes.
     pub(super) fn of(surface: &Surface<'_>, [a, b]: [u32; 2]) -> SegmentAxis {
         let direction = cross(surface.plane(a).normal, surface.plane(b).normal);
         let main = main_axis(direction);
         SegmentAxis { direction, main }
     }
 
-    /// The order of two of its points.
+    /// Compares two points of the line.
     pub(super) fn order(&self, a: &ExactPoint, b: &ExactPoint) -> Ordering {
         let order = a.compare(b, self.main);
         if self.direction[self.main] > 0 { order } else { order.reverse() }
     }
 
-    /// The half-planes of a face beside a segment of the axis, which no corner of the face divides: none, one or two.
+    /// Returns the half-planes of a face at a segment that no vertex of the face divides: none, one
+    /// or two.
     pub(super) fn half_planes(
         &self,
         surface: &Surface<'_>,
@@ -75,14 +77,16 @@ impl SegmentAxis {
         sides.into_iter().map(half_plane).collect()
     }
 
-    /// The sign of the turn from one half-plane to another, counterclockwise as seen from where the segment leads to.
+    /// Returns the sign of the turn from one half-plane to another, counterclockwise as seen from
+    /// the tip of the direction.
     fn turn(&self, a: &HalfPlane, b: &HalfPlane) -> i32 {
         let [u, v] = others(self.main);
         let minor = times(a.along[u], b.along[v]) - times(a.along[v], b.along[u]);
         sign(&minor) * if self.direction[self.main] > 0 { 1 } else { -1 }
     }
 
-    /// How far around a half-plane is from another: 0 in the same place, 1 less than half of the way, 2 half, 3 more.
+    /// Returns the angle from one half-plane to another as a class: 0 for no angle, 1 below 180
+    /// degrees, 2 for 180, 3 above.
     fn quarter(&self, from: &HalfPlane, to: &HalfPlane) -> u8 {
         match self.turn(from, to) {
             1 => 1,
@@ -92,8 +96,9 @@ impl SegmentAxis {
         }
     }
 
-    /// How many times the segment bounds what of a surface is inside of another body, with that to its left; and whether the surfaces lie on
-    /// each other beside it. (Where they do and face the same way, that counts as inside.)
+    /// Returns how often the segment bounds the section of one surface that is inside of another
+    /// body: positive with that section to its left. Also returns whether the surfaces coincide
+    /// next to the segment. (Where they coincide with equal orientation, that counts as inside.)
     pub(super) fn crossings(&self, own: &[HalfPlane], other: &[HalfPlane]) -> (i32, bool) {
         let (mut count, mut is_on) = (0, false);
         for half in own {
@@ -104,7 +109,8 @@ impl SegmentAxis {
             };
             is_on |= walls.iter().any(|(quarter, _)| *quarter == 0);
             let is_inside = loop {
-                // The next one counterclockwise: behind one to the left is what is in front of its face.
+                // The next wall counterclockwise: the sector before a left wall is inside, at the
+                // back of its face.
                 let nearest = |best, wall| if is_before(&wall, &best) { wall } else { best };
                 let Some(first) = walls.iter().copied().reduce(nearest) else { break false };
                 let is_same = |wall: &(u8, &HalfPlane)| !is_before(&first, wall);
@@ -114,7 +120,7 @@ impl SegmentAxis {
                     .map(|(_, wall)| if wall.is_left { 1 } else { -1 })
                     .sum();
                 match first.0 {
-                    // (Walls of one body in the same place are none.)
+                    // (Coincident walls of one body cancel.)
                     _ if net == 0 => walls.retain(|wall| !is_same(wall)),
                     0 => break (net > 0) == half.is_left,
                     _ => break net > 0,
@@ -133,7 +139,7 @@ fn is_same_way(a: &HalfPlane, b: &HalfPlane) -> bool {
     sum.is_positive()
 }
 
-/// A product of numbers of at most 170 bits.
+/// Returns the product of numbers of at most 170 bits.
 fn times(a: I256, b: I256) -> I512 {
     let (a, b): (I512, I512) = (a.as_(), b.as_());
     a * b

@@ -1,13 +1,13 @@
-//! Lines of segments that hang together.
+//! Lines of connected segments.
 
 use super::segments::{CommonSegment, Segments};
 
-/// Segments one after the other.
+/// Consecutive segments.
 pub(super) struct SegmentChain {
     pub(super) is_crossing: bool,
-    /// One more than there are segments; the last is the first if the chain is closed.
+    /// One more than segments; the last equals the first if the chain is closed.
     pub(super) vertices: Vec<u32>,
-    /// Faces beside each segment, as in [`CommonSegment`].
+    /// Faces at each segment, as in [`CommonSegment`].
     pub(super) faces: Vec<[[u32; 2]; 2]>,
 }
 
@@ -24,7 +24,7 @@ impl SegmentChain {
         self.vertices[self.vertices.len() - 1]
     }
 
-    /// Goes on with a segment that begins where the chain ends, or ends there: then it is passed the other way.
+    /// Appends a segment that starts where the chain ends, or ends there and is reversed.
     fn add(&mut self, segment: &CommonSegment) {
         let [from, to] = segment.vertices;
         let is_forward = from == self.end();
@@ -35,8 +35,9 @@ impl SegmentChain {
 }
 
 impl Segments {
-    /// Joins the segments: those of surfaces that pass through each other in their direction, to closed lines; then those of surfaces that
-    /// touch, to lines between points where not just two of them meet.
+    /// Joins the segments. Segments where surfaces intersect form closed lines, in their
+    /// directions. Segments where surfaces touch form lines between points where other than two of
+    /// them meet.
     pub(super) fn lines(&self) -> Vec<SegmentChain> {
         let mut lines = self.crossing_lines();
         lines.extend(self.touch_lines());
@@ -55,12 +56,12 @@ impl Segments {
             }
             let mut line = SegmentChain::of(self.segment(first));
             let start = line.vertices[0];
-            // Invariant: of the segments in which surfaces pass through each other, as many begin at a vertex
-            // as end there: what is inside of the other body is a part of a surface, and has a closed
-            // boundary. So every line comes back to its start. Where surfaces are not closed, it ends where
-            // nothing begins.
+            // Invariant: at each vertex, as many crossing segments start as end. The section of a
+            // surface inside of the other body has a closed boundary. So every line returns to its
+            // start. If surfaces are not closed, it ends where no segment starts.
             while line.end() != start {
-                // Where lines touch each other, on along the same part of the surface that is inside.
+                // Where lines touch each other, continue along the same section of the inside
+                // surface.
                 let last = line.faces[line.faces.len() - 1];
                 let is_beside = |number: &u32| {
                     let faces = self.segment(*number).faces;
@@ -86,7 +87,7 @@ impl Segments {
         let mut at = At::of(self.count(), ends);
         let is_end: Vec<bool> = (0..self.count()).map(|vertex| at.at(vertex as u32).len() != 2).collect();
         let mut lines = Vec::new();
-        // From ends first: what is left is closed.
+        // Lines from ends first; what is left is closed.
         for is_from_end in [true, false] {
             for &first in &numbers {
                 let vertices = self.segment(first).vertices;
@@ -123,7 +124,7 @@ impl Segments {
     }
 }
 
-/// Segments at each vertex that are not taken yet.
+/// Segments at each vertex that are in no line yet.
 struct At(Vec<Vec<u32>>);
 
 impl At {
@@ -137,7 +138,7 @@ impl At {
         &self.0[vertex as usize]
     }
 
-    /// Takes a segment from a vertex, if it is there.
+    /// Removes a segment from a vertex, if it is there.
     fn take(&mut self, vertex: u32, segment: u32) -> bool {
         let list = &mut self.0[vertex as usize];
         let place = list.iter().position(|known| *known == segment);

@@ -1,10 +1,13 @@
-//! Intersection of the surfaces of two bodies: lines in which they pass through each other or touch, areas in which they lie on each
-//! other, and points; exact, and rounded once.
+//! Intersection of the surfaces of two bodies: lines in which they intersect or touch, areas in
+//! which they coincide, and points. Exact, and rounded once.
 //!
-//! The problem is that of "Construction of the spatial intersection line of polygon meshes" (Chernihiv, 2012): of pairs of faces whose boxes
-//! touch, the line of both planes is asked for where it meets both polygons, and these parts are asked for what they have in common. Boxes
-//! are found through the octrees here and not by a matrix of all pairs, signs are those of whole numbers instead of coordinates in frames of faces,
-//! and what the article leaves open is decided: corners and edges that lie in faces, faces in one plane, and the order of the pieces.
+//! The problem is that of "Construction of the spatial intersection line of polygon meshes"
+//! (Chernihiv, 2012). For each pair of faces whose boxes touch, the line of both planes is
+//! intersected with both polygons, and the resulting intervals with each other. Unlike the article,
+//! this module finds the pairs through the octrees instead of a matrix of all pairs, and uses signs
+//! of integers instead of coordinates in the frames of faces. It also covers what the article
+//! leaves open: vertices and edges that lie in faces, coplanar faces, and the order of the
+//! segments.
 
 pub(crate) mod areas;
 mod around;
@@ -20,36 +23,37 @@ use super::query::SectionPolygon;
 use super::{ExactModel, Faces};
 use spinney_base::{Error, Progress, Result};
 
-/// The way in which surfaces have a line in common.
+/// How two surfaces meet along a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LineKind {
-    /// They pass through each other: on the line's left side the surface of the first body is inside of the second one, on its right side
-    /// outside. Walls that lie on each other and face the same way count as inside.
+    /// They intersect. To the left of the line, the surface of the first body is inside of the
+    /// second body, to the right outside. Where the surfaces coincide with equal orientation, that
+    /// counts as inside.
     Crossing,
-    /// They touch, and are on the same sides of each other beside the line.
+    /// They touch: next to the line, each surface is on one side of the other.
     Touch,
 }
 
 /// A line that two surfaces have in common.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntersectionLine {
-    /// The way in which they have it in common.
+    /// How the surfaces meet along the line.
     pub kind: LineKind,
-    /// Its points in the world, one or more segments; a closed line ends with the point that it begins with.
+    /// Points in world coordinates; at least two. The last point of a closed line equals the first.
     pub points: Vec<[f64; 3]>,
-    /// The faces on both sides of each segment, of the first model and of the second one: to the left and to the right as seen from
-    /// outside of that body. Both are the same where the segment passes through a face. Numbers are those of the faces of the file that the model
-    /// was built from (`Face::source`).
+    /// Faces at each segment, of the first model and of the second: to the left and to the right as
+    /// seen from outside of that body. Both are equal where the segment crosses a face. Numbers are
+    /// those of the faces in the file from which the model was built (`Face::source`).
     pub faces: Vec<[[u64; 2]; 2]>,
 }
 
 impl IntersectionLine {
-    /// Whether it ends where it begins.
+    /// Whether the line ends where it starts.
     pub fn is_closed(&self) -> bool {
         self.points.first() == self.points.last()
     }
 
-    /// Its length.
+    /// Returns the line's length.
     pub fn length(&self) -> f64 {
         let square =
             |ends: &[[f64; 3]]| (0..3).map(|axis| (ends[1][axis] - ends[0][axis]).powi(2)).sum::<f64>();
@@ -57,21 +61,22 @@ impl IntersectionLine {
     }
 }
 
-/// An area in which two surfaces lie on each other.
+/// An area in which two surfaces coincide.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntersectionArea {
-    /// Its rings, counterclockwise as seen from outside of the first body, and size.
+    /// Rings, counterclockwise as seen from outside of the first body, and area.
     pub polygon: SectionPolygon,
-    /// Whether both surfaces face the same way there: the bodies are on one side of it. Otherwise they touch from outside.
+    /// Whether both surfaces have equal orientation, so that the bodies are on one side of the
+    /// area. Otherwise they touch from outside.
     pub is_same_side: bool,
 }
 
-/// A point in which two surfaces touch that is on no common line or area.
+/// A point in which two surfaces touch, on no common line or area.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntersectionPoint {
-    /// The point in the world.
+    /// The point in world coordinates.
     pub point: [f64; 3],
-    /// A face of each model that it lies on, as in [`IntersectionLine::faces`].
+    /// A face of each model at the point, as in [`IntersectionLine::faces`].
     pub faces: [u64; 2],
 }
 
@@ -79,20 +84,21 @@ pub struct IntersectionPoint {
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SurfaceIntersection {
-    /// Lines in which they pass through each other, all of them closed, then those in which they touch. At points where more than two
-    /// segments of the latter meet, lines end. What bounds an area is among them only where the surfaces pass through each other there.
+    /// Lines in which the surfaces intersect, all of them closed, then lines in which they touch.
+    /// The latter end at points where other than two of their segments meet. The border of an area
+    /// is included only where the surfaces intersect there.
     pub lines: Vec<IntersectionLine>,
-    /// Areas, none beside another of its kind.
+    /// Areas; adjacent areas of one kind are merged.
     pub areas: Vec<IntersectionArea>,
-    /// Points on none of these.
+    /// Points on none of these lines and areas.
     pub points: Vec<IntersectionPoint>,
 }
 
-/// Finds what the surfaces of two bodies have in common. Grids must fit together as for set operations
-/// ([`combine`](super::combine)). What is found depends on no number of threads.
+/// Returns what the surfaces of two bodies have in common. Grids must be compatible as for set
+/// operations ([`combine`](super::combine)). The result does not depend on the number of threads.
 ///
-/// Takes time and memory with the number of faces near the other body, about 400 bytes each, and about 700 bytes for each pair of faces that
-/// have points in common.
+/// Time and memory are proportional to the number of faces near the other body, about 400 bytes
+/// each, plus about 700 bytes for each pair of faces with common points.
 ///
 /// ```
 /// use spinney::ExactModel;
@@ -119,8 +125,8 @@ pub struct SurfaceIntersection {
 /// ```
 ///
 /// # Errors
-/// If grids, coordinate systems or units do not fit together, if `memory` bytes are not enough, if files are damaged or cannot be read, or on
-/// interruption.
+/// If grids, coordinate systems or units are incompatible, if `memory` bytes are insufficient, if
+/// files are corrupt or cannot be read, or on cancellation.
 pub fn surface_intersection(
     a: &ExactModel,
     b: &ExactModel,
@@ -145,7 +151,7 @@ pub fn surface_intersection(
         is_inside: &|_| false,
     };
     let surface = Surface::new(&faces, &operands, a.path(), memory, progress)?;
-    // (As much goes into segments and points.)
+    // (Segments and points need as much.)
     let contacts = surface.contacts_of_first(memory / 2, progress)?;
     let source = |face: u32| surface.face(face).source - first_sources[surface.operand(face)];
     let mut segments = Segments::of(&surface, &contacts, progress)?;
@@ -172,7 +178,7 @@ pub fn surface_intersection(
 }
 
 impl SurfaceIntersection {
-    /// All points of all features, in the world.
+    /// Yields all points of all features, in world coordinates.
     pub fn all_points(&self) -> impl Iterator<Item = &[f64; 3]> {
         let rings = self.areas.iter().flat_map(|area| &area.polygon.rings);
         let lines = self.lines.iter().map(|line| &line.points).chain(rings).flatten();

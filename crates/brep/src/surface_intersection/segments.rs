@@ -1,4 +1,4 @@
-//! Segments that two surfaces have in common, each once, with the faces beside it.
+//! Segments that two surfaces have in common, each once, with the adjacent faces.
 
 use std::collections::{HashMap, HashSet};
 
@@ -10,11 +10,12 @@ use spinney_base::{Progress, Result, parallel, sort};
 
 /// A segment between two vertices.
 pub(super) struct CommonSegment {
-    /// Its ends. Where surfaces pass through each other, what of the first is inside of the second is to the left.
+    /// Its ends. Where surfaces intersect, what is left of the segment on the first surface is
+    /// inside of the second body.
     pub(super) vertices: [u32; 2],
-    /// Whether they do.
+    /// Whether the surfaces intersect there.
     pub(super) is_crossing: bool,
-    /// Of the first body and of the second one: the faces to the left and to the right.
+    /// Of the first and the second body: the faces to the left and to the right.
     pub(super) faces: [[u32; 2]; 2],
 }
 
@@ -25,12 +26,13 @@ pub(super) struct Segments {
     pub(super) vertices: Vertices,
 }
 
-/// A segment that two faces have in common, as it is found by itself.
+/// A segment that two faces have in common.
 struct PairSegment {
     faces: [u32; 2],
-    /// Its ends, in the direction of the line of both planes, and between them the corners that divide it.
+    /// Its ends, in the direction of the line of both planes, and between them the vertices that
+    /// divide it.
     points: Vec<ExactPoint>,
-    /// Whether it runs along an edge of one of the faces, and does not pass through both.
+    /// Whether it runs along an edge of one of the faces, instead of crossing both.
     is_along_edge: bool,
 }
 
@@ -38,7 +40,7 @@ impl Segments {
     /// Collects the segments of contacts.
     ///
     /// # Errors
-    /// On interruption.
+    /// On cancellation.
     pub(super) fn of(
         surface: &Surface<'_>,
         contacts: &[Contact],
@@ -56,11 +58,11 @@ impl Segments {
             for PairSegment { faces, points, is_along_edge } in parts.into_iter().flatten() {
                 for ends in points.windows(2) {
                     let [one, other] = [ends[0], ends[1]].map(|end| found.vertices.number(end));
-                    // Invariant: each segment is in the list once for each time that surfaces meet there.
-                    // Where it passes through both faces no other pair of faces has it. Where it runs along
-                    // an edge several pairs do; they divide it at the corners of all faces there, so that it
-                    // has the same ends, and is known. Twice in the list, a line would go back the way it
-                    // came.
+                    // Invariant: the list has each segment once for each time that surfaces meet
+                    // there. If it crosses both faces, no other pair of faces has it. If it runs
+                    // along an edge, several pairs have it. Each pair divides it at the vertices of
+                    // all faces there, so it has the same ends, and duplicates are detected. With a
+                    // duplicate, a line would return along the same segment.
                     if !is_along_edge {
                         let faces = faces.map(|face| [face; 2]);
                         found.list.push(CommonSegment { vertices: [one, other], is_crossing: true, faces });
@@ -74,8 +76,8 @@ impl Segments {
         Ok(found)
     }
 
-    /// Takes away pairs of segments where surfaces pass through each other that lead both ways: they go through two walls of a body that lie
-    /// on each other, and bound nothing.
+    /// Removes pairs of crossing segments in opposite directions. They cross two coincident walls
+    /// of a body, and bound nothing.
     fn cancel(&mut self) {
         let mut open: HashMap<[u32; 2], Vec<usize>> = HashMap::new();
         let mut is_gone = vec![false; self.list.len()];
@@ -92,7 +94,7 @@ impl Segments {
         self.list.retain(|_| is_gone.next() != Some(true));
     }
 
-    /// Adds a segment that runs along edges, which lead in its direction.
+    /// Adds a segment along edges. Chooses its direction.
     fn add_along_edge(
         &mut self,
         surface: &Surface<'_>,
@@ -118,13 +120,14 @@ impl Segments {
             vertices.reverse();
             sides.iter_mut().for_each(|sides| sides.reverse());
         }
-        // (Where more than two faces hang together at an edge, it may be passed more than once.)
+        // (Where more than two faces share an edge, a line may pass it more than once.)
         for _ in 0..crossings.abs().max(1) {
             self.list.push(CommonSegment { vertices, is_crossing: crossings != 0, faces: sides });
         }
     }
 
-    /// Points of contacts that are no vertices of segments, each once, with the first faces that have it.
+    /// Returns points of contacts that are not vertices of segments, each once, with the first two
+    /// faces that have it.
     pub(super) fn lone_points(&mut self, contacts: &[Contact]) -> Vec<(ExactPoint, [u32; 2])> {
         let mut lone = Vec::new();
         for contact in contacts {
@@ -139,7 +142,7 @@ impl Segments {
     }
 }
 
-/// The segments of a contact.
+/// Returns the segments of a contact.
 fn segments_of(surface: &Surface<'_>, contact: &Contact) -> Vec<PairSegment> {
     let faces = contact.faces;
     let axis = SegmentAxis::of(surface, faces);
@@ -175,7 +178,7 @@ fn has_on_edge(surface: &Surface<'_>, face: u32, ends: &[ExactPoint; 2]) -> bool
     is_on
 }
 
-/// The faces of both bodies whose boxes a segment touches and whose planes it lies in.
+/// Returns the faces of both bodies whose boxes touch a segment and whose planes contain it.
 fn faces_at(surface: &Surface<'_>, ends: [&ExactPoint; 2]) -> Vec<u32> {
     let bound = |least: bool| {
         [0, 1, 2].map(|axis| {

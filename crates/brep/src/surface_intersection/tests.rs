@@ -1,4 +1,4 @@
-//! Pairs of faces that are found through octrees, against all pairs whose boxes touch.
+//! Pairs of faces found through octrees, compared with all pairs whose boxes touch.
 
 use std::collections::BTreeSet;
 
@@ -11,7 +11,7 @@ use spinney_container::Metadata;
 
 type Triangle = [[i32; 3]; 3];
 
-/// A ball of triangles with its middle at a point, dented.
+/// A ball of triangles around a point, with dents.
 fn ball(middle: [i32; 3], radius: f64, dents: f64) -> Vec<Triangle> {
     const ROWS: i32 = 14;
     let at = |row: i32, column: i32| -> [i32; 3] {
@@ -49,7 +49,7 @@ fn model(triangles: &[Triangle]) -> ExactModel {
     ExactModel::from_bytes(std::fs::read(path).unwrap()).unwrap()
 }
 
-/// Sources of all pairs of faces with points in common, of faces in a list.
+/// Sources of all pairs of faces with common points, and the face count of the list.
 fn pairs(faces: &crate::arrangement::ExactFaces, ends: &[u32], first: u64) -> (BTreeSet<[u64; 2]>, u64) {
     let operands = Operands {
         ends,
@@ -80,7 +80,7 @@ fn pairs_through_octrees_are_those_of_the_matrix() {
         [([2500, 2200, 2100], 700.0), ([2000; 3], 850.0), ([3200, 2000, 2000], 500.0), ([600; 3], 400.0)]
     {
         let b = ball(middle, radius, -0.3);
-        // The matrix: one where boxes touch along all axes.
+        // The matrix of all pairs: true where boxes touch along all axes.
         let bounds =
             |triangles: &[Triangle]| triangles.iter().map(|points| bounds_of(points, 0)).collect::<Vec<_>>();
         let (of_a, of_b) = (bounds(&a), bounds(&b));

@@ -1,4 +1,4 @@
-//! Lists of single cells with their values: text, or NumPy arrays.
+//! Lists of single cells with their values, as text or NumPy arrays.
 
 mod npy;
 mod text;
@@ -13,21 +13,22 @@ use spinney_container::Header;
 use spinney_engine::ops::CellValue;
 use spinney_records::npy::MAGIC;
 
-/// A list of cells, read some at a time.
+/// A list of cells, read in batches.
 pub struct CellList {
     rows: Box<dyn Iterator<Item = Result<CellValue>>>,
 }
 
-/// Cells that are handed out at a time: about 100 MiB of them.
+/// Cells per batch: about 100 MiB.
 const BATCH: usize = 1 << 20;
 
 impl CellList {
-    /// Opens a list for a tree: text with a line `X,Y,VALUE` (octrees: `X,Y,Z,VALUE`; several channels:
-    /// several values; `void` instead of values) per cell, or a NumPy array whose rows have these numbers.
-    /// `-` is text from standard input.
+    /// Opens a list of cells for a tree. A list is text or a NumPy array. Text has one line per
+    /// cell, `X,Y,VALUE`: `X,Y,Z,VALUE` for octrees, several values for several channels, `void`
+    /// instead of the values of a VOID cell. Rows of an array have the same numbers. `-` is text
+    /// from standard input.
     ///
     /// # Errors
-    /// If it cannot be read, or an array has another shape.
+    /// If the file cannot be read, or an array has another shape.
     pub fn open(path: &Path, header: &Header) -> Result<CellList> {
         let (axes, channels) = (header.form.axes(), usize::from(header.form.value.channels));
         if path == Path::new("-") {
@@ -59,7 +60,7 @@ impl Iterator for CellList {
     }
 }
 
-/// A cell's coordinate, if it is one: below the end of the largest trees.
+/// Converts a number to a cell's coordinate, if it is an integer within the largest trees.
 fn coordinate(number: f64) -> Option<u64> {
     let most = 1u64 << Dimension::Quad.max_depth();
     (number.fract() == 0.0 && (0.0..most as f64).contains(&number)).then_some(number as u64)

@@ -9,7 +9,7 @@ use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
 use spinney_records::npy::NpyHeader;
 
-/// Decoder of one number of a type.
+/// Decodes one number of a type.
 type Decode = fn(&[u8]) -> Number;
 
 macro_rules! decoders {
@@ -22,8 +22,8 @@ const TYPES: &[(&str, usize, Decode)] = decoders!(
     "|u1" u8, "|i1" i8, "<u2" u16, "<i2" i16, "<u4" u32, "<i4" i32, "<u8" u64, "<i8" i64, "<f4" f32, "<f8" f64
 );
 
-/// A cell per row; the array must have two dimensions, and coordinates before values. Values that are not
-/// numbers are VOID.
+/// Yields one cell per row. The array must have two dimensions, with coordinates before values. A
+/// cell whose values are not numbers is VOID.
 pub(super) fn rows<R: Read>(
     mut input: R,
     path: &Path,

@@ -8,10 +8,10 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_engine::ops::CellValue;
 
-/// No line is longer.
+/// Maximum length of a line in bytes.
 const LONGEST: u64 = 4096;
 
-/// A cell per line that is not empty.
+/// Parses one cell per non-empty line.
 pub(super) fn rows<R: BufRead>(
     mut input: R,
     path: &Path,

@@ -1,4 +1,5 @@
-//! Crossings of chains with each row, sorted: in memory as long as there is room, else in a temporary file.
+//! External sort of the crossings of chains with rows: in memory while they fit, otherwise in a
+//! temporary file.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -10,30 +11,30 @@ use zerocopy::IntoBytes;
 use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result, sort};
 
-/// A change from a cell of a row on.
+/// A change at a cell of a row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Change {
-    /// A chain is crossed: what was outside is inside.
+    /// A chain is crossed: inside and outside are swapped.
     Cross,
-    /// Cells of a chain begin.
+    /// Cells of a chain begin here.
     Begin,
-    /// Cells of a chain have ended.
+    /// Cells of a chain end before this cell.
     End,
 }
 
-/// A change in a row, of a region or a line of a class.
+/// A change in a row, which belongs to a region or line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Crossing {
     pub(super) row: u32,
     pub(super) column: u32,
-    /// Number of the region or line in the text.
+    /// Index of the region or line in the file.
     pub(super) owner: u64,
     pub(super) change: Change,
-    /// The value of its cells.
+    /// Value of its cells, as bits.
     pub(super) class: u64,
 }
 
-/// A crossing as it is sorted: by row, column and owner.
+/// A crossing as sort key: row, column and owner.
 type Item = [u64; 3];
 
 impl From<Crossing> for Item {
@@ -67,7 +68,7 @@ pub(super) struct Crossings {
 }
 
 impl Crossings {
-    /// None yet; so many bytes of memory are used.
+    /// An empty collection that uses `memory` bytes.
     pub(super) fn new(folder: &Path, memory: u64) -> Crossings {
         let most = (memory / size_of::<Item>() as u64).clamp(64, 1 << 40) as usize;
         Crossings { items: Vec::new(), most, runs: Vec::new(), end: 0, file: None, folder: folder.into() }
@@ -96,13 +97,13 @@ impl Crossings {
         Ok(())
     }
 
-    /// All of them in order.
+    /// Returns all crossings in order.
     ///
     /// # Errors
     /// If the temporary file cannot be read.
     pub(super) fn sorted(mut self) -> Result<Sorted> {
         sort::by(&mut self.items, &mut Ord::cmp);
-        // What was sorted last stays in memory; the others share as much.
+        // The last run stays in memory; the read buffers of the others together take as much again.
         let part = (self.most / (self.runs.len() + 1)).clamp(16, 1 << 14);
         let mut runs = vec![Run { items: self.items, at: 0, left: (0, 0) }];
         runs.extend(self.runs.into_iter().map(|left| Run { items: Vec::new(), at: 0, left }));
@@ -114,11 +115,11 @@ impl Crossings {
     }
 }
 
-/// Items in order, the first of which are in memory.
+/// A sorted run, with a prefix of its remaining items in memory.
 struct Run {
     items: Vec<Item>,
     at: usize,
-    /// Offset and number of those in the file.
+    /// Offset and number of the items that are still in the file.
     left: (u64, u64),
 }
 
@@ -133,7 +134,7 @@ pub(super) struct Sorted {
 }
 
 impl Sorted {
-    /// The next crossing, if it is in a row.
+    /// Returns the next crossing if it is in the given row.
     ///
     /// # Errors
     /// If the temporary file cannot be read.
@@ -148,7 +149,7 @@ impl Sorted {
         Ok(Some(crossing))
     }
 
-    /// Puts the next item of a run on the heap.
+    /// Pushes the next item of a run onto the heap.
     fn take_from(&mut self, number: usize) -> Result<()> {
         let Sorted { runs, part, heap, file, folder } = self;
         let run = &mut runs[number];

@@ -1,19 +1,19 @@
-//! Lines as chains of cells, each one of the 8 around the one before: Bresenham's.
+//! Lines as 8-connected chains of cells (Bresenham).
 
 use super::code_of;
 
-/// A part of a line that is in the picture: cells one behind the other.
+/// A section of a line inside the raster: consecutive cells.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct CellChain {
     pub(super) start: [i64; 2],
-    /// Codes of the steps, and how often each comes.
+    /// Codes of the steps with their repeat counts.
     pub(super) steps: Vec<(u8, u64)>,
 }
 
-/// The parts of a line within a picture of a size, whose corners are in cells.
+/// Returns the sections of a line inside a raster of `size`. Vertices are in cells.
 pub(super) fn chains_of(points: &[[f64; 2]], size: [u64; 2]) -> Vec<CellChain> {
     let mut chains: Vec<CellChain> = Vec::new();
-    // The cell that the last chain ends in, if the line goes on there.
+    // The last cell of the previous segment, if the line continues there.
     let mut at: Option<[i64; 2]> = None;
     let single = if let [point] = points { Some([*point; 2]) } else { None };
     let segments = points.windows(2).filter_map(|ends| <[[f64; 2]; 2]>::try_from(ends).ok());
@@ -34,10 +34,10 @@ pub(super) fn chains_of(points: &[[f64; 2]], size: [u64; 2]) -> Vec<CellChain> {
     chains
 }
 
-/// The part of a segment within a picture (Liang and Barsky 1984).
+/// Clips a segment to the raster (Liang and Barsky 1984).
 fn clipped([a, b]: [[f64; 2]; 2], size: [u64; 2]) -> Option<[[f64; 2]; 2]> {
     let (mut first, mut last) = (0.0f64, 1.0f64);
-    // (What is beyond the last cell by nothing is beyond.)
+    // The upper border is exclusive.
     let ends = size.map(|cells| (cells as f64).next_down());
     for axis in 0..2 {
         let along = b[axis] - a[axis];
@@ -53,9 +53,9 @@ fn clipped([a, b]: [[f64; 2]; 2], size: [u64; 2]) -> Option<[[f64; 2]; 2]> {
             }
         }
     }
-    // (Not a number, of ends that are none, is not less, either.)
+    // Comparisons with NaN, from ends that are not finite, are false as well.
     let is_inside = first <= last && a.iter().chain(&b).all(|number| number.is_finite());
-    // (Within the picture whatever was rounded, and however far away an end is.)
+    // Clamp, whatever was rounded and however distant an end is.
     let within =
         |point: [f64; 2]| -> [f64; 2] { std::array::from_fn(|axis| point[axis].clamp(0.0, ends[axis])) };
     let at = |share: f64| std::array::from_fn(|axis| a[axis] + share * (b[axis] - a[axis]));
@@ -64,7 +64,7 @@ fn clipped([a, b]: [[f64; 2]; 2], size: [u64; 2]) -> Option<[[f64; 2]; 2]> {
     is_inside.then_some([start, end])
 }
 
-/// Adds the steps from a cell to another.
+/// Appends the steps from one cell to another.
 fn draw(from: [i64; 2], to: [i64; 2], steps: &mut Vec<(u8, u64)>) {
     let across = [to[0] - from[0], to[1] - from[1]];
     let (size, unit) = (across.map(i64::abs), across.map(i64::signum));

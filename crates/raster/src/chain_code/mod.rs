@@ -1,10 +1,14 @@
-//! Freeman chain codes: regions of classes as texts of steps around them, in and out, and lines as chains of cells. `docs/chain_codes.md` has the grammar.
+//! Freeman chain codes: regions of classes as steps along their borders, and lines as chains of
+//! cells. `docs/chain_codes.md` has the grammar.
 //!
-//! Rows go down, directions are counted counterclockwise from east. With 4 directions chains go along the sides of cells (cracks), from corner to corner; with 8
-//! from centre to centre of the cells at a region's border. The region is on the left: outer chains are counterclockwise, holes clockwise.
+//! Rows go down; directions are counted counterclockwise from east. With 4 directions chains follow
+//! the sides of cells (cracks), from corner to corner. With 8 directions they go from centre to
+//! centre of the cells at a region's border. The region is on the left: outer chains are
+//! counterclockwise, holes clockwise.
 //!
-//! Out, chains are made of the rings of the engine's polygons (`ring.rs`, `write.rs`), in, of each chain the places where a row crosses it (`parse.rs`), which are
-//! sorted (`crossings.rs`) and make a picture from the top down (`raster.rs`).
+//! Export makes chains from the rings of the engine's polygons (`ring.rs`, `write.rs`). Import
+//! computes where each chain crosses a row (`parse.rs`), sorts these crossings (`crossings.rs`) and
+//! fills the raster from the top down (`raster.rs`).
 
 mod crossings;
 mod line;
@@ -22,21 +26,21 @@ pub(crate) use self::raster::open;
 pub use self::write::{ChainWriter, export_chain_code};
 use spinney_base::Error;
 
-/// The word that texts begin with, and the version of their grammar.
+/// Magic word of the files, and the version of their grammar.
 pub(crate) const MAGIC: &str = "freeman-chain-code";
 const VERSION: &str = "1";
 
-/// Directions that a chain's steps have.
+/// Directions of a chain's steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChainDirections {
     /// East, north, west and south: along the sides of cells.
     Four,
-    /// These and those between them: from cell to cell.
+    /// Also the diagonals between them: from cell to cell.
     Eight,
 }
 
 impl ChainDirections {
-    /// Their number.
+    /// Returns the number of directions.
     pub fn count(self) -> u8 {
         match self {
             ChainDirections::Four => 4,
@@ -44,7 +48,7 @@ impl ChainDirections {
         }
     }
 
-    /// The step of a code along columns and rows; `None` if there is no such code.
+    /// Returns the step of a code along columns and rows, or `None` if there is no such code.
     fn step(self, code: u8) -> Option<[i64; 2]> {
         const STEPS: [[i64; 2]; 8] = [[1, 0], [1, -1], [0, -1], [-1, -1], [-1, 0], [-1, 1], [0, 1], [1, 1]];
         let place = usize::from(code) * if self == ChainDirections::Four { 2 } else { 1 };
@@ -64,7 +68,7 @@ impl FromStr for ChainDirections {
     }
 }
 
-/// The code of a step among 8 directions, to one of the 8 cells around.
+/// Returns the code of a step to one of the 8 neighbours.
 fn code_of([x, y]: [i64; 2]) -> u8 {
     match (x, y) {
         (1, 0) => 0,

@@ -1,4 +1,4 @@
-//! Texts of chain codes: their head, and the crossings of their chains with rows.
+//! Parser of chain codes: the head, and the crossings of chains with rows.
 
 use std::path::Path;
 
@@ -11,15 +11,15 @@ use spinney_base::value::{Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// Words that begin a chain, or end the text.
+/// Keywords that begin a chain, or end the file.
 const BODY: [&str; 5] = ["region", "part", "hole", "line", "end"];
-/// Colours that a palette has at most.
+/// Maximum number of palette colours.
 const MAX_COLOURS: usize = 1 << 16;
 
-/// The head of a text, before its chains.
+/// The head of a file, before its chains.
 pub(super) struct Head {
     pub(super) directions: ChainDirections,
-    /// Columns and rows, where the text tells them.
+    /// Columns and rows, if the file has them.
     pub(super) size: Option<[u64; 2]>,
     pub(super) sample: SampleType,
     pub(super) frame: Frame,
@@ -28,17 +28,17 @@ pub(super) struct Head {
     pub(super) names: Vec<(Number, String)>,
 }
 
-/// A text whose head was read.
+/// A file whose head was read.
 pub(super) struct Body {
     text: Text,
-    /// The word that it begins with.
+    /// The first word after the head.
     first: String,
 }
 
-/// Opens a text and reads its head.
+/// Opens a file and reads its head.
 ///
 /// # Errors
-/// If it cannot be read, or the head breaks the rules.
+/// If it cannot be read, or the head violates the grammar.
 pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
     let mut text = Text::open(path, access)?;
     if text.word()?.as_deref() != Some(MAGIC) {
@@ -110,14 +110,14 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<(Head, Body)> {
     Ok((head, Body { text, first }))
 }
 
-/// A number of cells along an axis.
+/// Parses a number of cells along an axis.
 fn cells(text: &mut Text, what: &str) -> Result<u64> {
     let most = 1u64 << Dimension::Quad.max_depth();
     let read = |word: &str| word.parse().ok().filter(|cells| (1..=most).contains(cells));
     text.number(&format!("a number of {what}, from 1 to {most}"), read)
 }
 
-/// The six numbers of a transform as a matrix.
+/// Parses the six numbers of a transform as a matrix.
 fn transform(text: &mut Text) -> Result<[[f64; 4]; 3]> {
     let mut numbers = [0.0; 6];
     for number in &mut numbers {
@@ -131,7 +131,7 @@ fn transform(text: &mut Text) -> Result<[[f64; 4]; 3]> {
     Ok(frame.matrix)
 }
 
-/// The colours of a line.
+/// Parses the colours of a line.
 fn palette(text: &mut Text) -> Result<Palette> {
     let told = text.rest()?;
     let mut colours = Vec::new();
@@ -147,14 +147,14 @@ fn palette(text: &mut Text) -> Result<Palette> {
     Ok(Palette { colours })
 }
 
-/// Takes crossings as they come.
+/// Receives crossings in file order.
 pub(super) type CrossingVisitor<'a> = dyn FnMut(Crossing) -> Result<()> + 'a;
 
 impl Body {
-    /// Goes through all chains.
+    /// Traverses all chains.
     ///
     /// # Errors
-    /// If the text cannot be read, breaks the rules or goes beyond the picture, or `take` fails.
+    /// If the file cannot be read, violates the grammar, or exceeds the raster, or `take` fails.
     pub(super) fn each(self, head: &Head, take: &mut CrossingVisitor<'_>) -> Result<()> {
         let Body { mut text, first } = self;
         let value = ValueType::new(head.sample, 1);
@@ -171,7 +171,7 @@ impl Body {
                     };
                     let found = text.number(&class_expected, read)?.to_bytes();
                     let bits = found.first_chunk::<8>().map_or(0, |bytes| u64::from_le_bytes(*bytes));
-                    // (Holes are of regions.)
+                    // Only regions have holes.
                     class = (word == "region").then_some(bits);
                     count += 1;
                     if word == "line" && head.directions == ChainDirections::Four {
@@ -213,19 +213,19 @@ impl Body {
     }
 }
 
-/// The region or line that a chain is of.
+/// The region or line that a chain belongs to.
 struct Owner {
     number: u64,
     class: u64,
-    /// Whether its chains lead back to where they begin.
+    /// Whether its chains are closed.
     is_closed: bool,
 }
 
-/// Reads where a chain begins, and its steps.
+/// Parses a chain: its start and its steps.
 fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor<'_>) -> Result<()> {
     let most = 1u64 << Dimension::Quad.max_depth();
     let is_crack = head.directions == ChainDirections::Four;
-    // Corners are on the last side of the picture, too.
+    // Corners may be on the last side of the raster, cells may not.
     let ends = head.size.unwrap_or([most; 2]).map(|cells| cells as i64 - i64::from(!is_crack));
     let line = text.line;
     let mut start = [0i64; 2];
@@ -263,20 +263,22 @@ fn chain(text: &mut Text, head: &Head, owner: &Owner, take: &mut CrossingVisitor
     walk.end(take)
 }
 
-/// A walk along a chain.
+/// State of the traversal of a chain.
 struct ChainWalk<'a> {
     at: [i64; 2],
     owner: &'a Owner,
-    /// First and last cell of the walk in this row since it came there.
+    /// First and last cell of the chain in the current row since it entered that row.
     run: [i64; 2],
     is_crack: bool,
 }
 
 impl ChainWalk<'_> {
-    /// Goes a step.
+    /// Takes a step.
     ///
-    /// Invariant: a row is crossed where the walk goes below it or comes from there, by the upper end of the step. Cells of the chain itself are its own whatever is
-    /// counted, and all others beside a step are on one side of it: so a cell that is not on a chain is inside if an odd number of crossings is at or before it.
+    /// Invariant: a row is crossed where a step leaves it downwards or enters it from below, at the
+    /// upper end of the step. Cells of the chain belong to the region regardless of crossings. All
+    /// other cells next to a step are on one side of it. So a cell that is not on a chain is inside
+    /// if an odd number of crossings is at or before it.
     fn go(&mut self, to: [i64; 2], take: &mut CrossingVisitor<'_>) -> Result<()> {
         let from = std::mem::replace(&mut self.at, to);
         if from[1] == to[1] {
@@ -306,15 +308,15 @@ impl ChainWalk<'_> {
 
     fn take(&self, row: i64, column: i64, change: Change, take: &mut CrossingVisitor<'_>) -> Result<()> {
         let Owner { number, class, .. } = *self.owner;
-        // (Both are between 0 and 2^29.)
+        // Both are between 0 and 2^29.
         take(Crossing { row: row as u32, column: column as u32, owner: number, change, class })
     }
 }
 
-/// Columns and rows that all chains of a text have room in.
+/// Returns the columns and rows that all chains of a file cover.
 ///
 /// # Errors
-/// If it cannot be read, breaks the rules, or has no cells.
+/// If the file cannot be read, violates the grammar, or has no cells.
 pub(super) fn measure(path: &Path, access: &FileAccess) -> Result<[u64; 2]> {
     let (head, body) = open(path, access)?;
     let mut size = [0u64; 2];

@@ -1,4 +1,4 @@
-//! Chain codes as pictures, made row by row from the crossings of chains.
+//! Chain codes as rasters, filled row by row from the crossings of the chains.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use spinney_base::space::Region;
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
-/// A text of chains as a picture.
+/// A chain code file as a raster.
 struct ChainPicture {
     path: PathBuf,
     info: RasterInfo,
@@ -18,28 +18,29 @@ struct ChainPicture {
     state: State,
 }
 
-/// How far a text was read.
+/// Progress of reading the file.
 enum State {
-    /// Its head.
+    /// The head was read.
     Head(Box<(Head, Body)>),
-    /// All of it; rows are made of this.
+    /// All chains were read; rows are made from this.
     Rows(Box<Sorted>),
-    /// It could not be read.
+    /// Reading failed.
     Failed,
 }
 
-/// Opens a text of chains, of which the head is read. Chains are read when the first row is asked for, with their crossings sorted in memory, or
-/// in a temporary file in the system's folder for these.
+/// Opens a chain code file and reads its head. The chains are read when the first row is requested.
+/// Their crossings are sorted in memory, or in a temporary file in the system's directory for
+/// these.
 ///
 /// # Errors
-/// If it cannot be read, or breaks the rules.
+/// If the file cannot be read, or violates the grammar.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (head, body) = parse::open(path, &options.access)?;
     let size = match head.size {
         Some(size) => size,
         None => parse::measure(path, &options.access)?,
     };
-    // (A few words may tell of any size.)
+    // A short file can declare any size.
     let row = size[0].saturating_mul(head.sample.size() as u64 + 1);
     options.check_memory(path, &format!("a row of {} cells", size[0]), row)?;
     let info = RasterInfo {
@@ -56,17 +57,17 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     Ok(Box::new(ChainPicture { path: path.into(), info, memory: options.memory, state }))
 }
 
-/// A region or line that has cells here.
+/// A region or line that covers the current cell.
 #[derive(Default)]
 struct Present {
     is_inside: bool,
-    /// Chains whose cells these are.
+    /// Number of its chains that pass through the current cell.
     chains: u64,
     class: u64,
 }
 
 impl ChainPicture {
-    /// The rows that are still to come.
+    /// Returns the remaining rows; reads the chains first if necessary.
     fn rows(&mut self) -> Result<&mut Sorted> {
         if let State::Head(_) = &self.state
             && let State::Head(read) = std::mem::replace(&mut self.state, State::Failed)
@@ -104,7 +105,7 @@ impl Raster for ChainPicture {
         let mut valid = vec![false; region.area() as usize];
         pixels.bytes.clear();
         pixels.bytes.resize(valid.len() * size, 0);
-        // What is last in the text lies on top.
+        // The last region or line of the file is on top.
         let mut present: BTreeMap<u64, Present> = BTreeMap::new();
         let lines = pixels.bytes.chunks_exact_mut(width * size).zip(valid.chunks_exact_mut(width));
         for (row, (bytes, valid)) in (region.y as u32..).zip(lines) {

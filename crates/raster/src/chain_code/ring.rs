@@ -1,25 +1,26 @@
-//! Rings along the sides of cells as chains.
+//! Chains of rings along cell sides.
 
 use super::{ChainDirections, code_of};
 use spinney_base::Result;
 use spinney_engine::query::ClassRegion;
 
-/// Takes steps: a code, and how often it comes.
+/// Receives runs of steps: a code and its repeat count.
 pub(super) type StepSink<'a> = dyn FnMut(u8, u64) -> Result<()> + 'a;
 
-/// The chain of a ring: where it begins, which is the first corner in the first row, or the cell on the left of it.
+/// The chain of a ring. It starts at the leftmost corner of the ring's first row, or at the cell to
+/// the left of the ring's direction there.
 pub(super) struct RingChain<'a> {
     region: &'a ClassRegion<'a>,
     part: usize,
     directions: ChainDirections,
-    /// The corner that it begins in, and its number among the ring's.
+    /// The corner where the chain starts, and its index in the ring.
     corner: [i64; 2],
     first: u64,
     pub(super) start: [i64; 2],
 }
 
 impl<'a> RingChain<'a> {
-    /// Finds where the chain of a region's ring begins, whose points are corners of cells.
+    /// Finds the start of the chain of a region's ring, whose points are corners of cells.
     ///
     /// # Errors
     /// If a temporary file cannot be read.
@@ -40,7 +41,8 @@ impl<'a> RingChain<'a> {
             }
             Ok(())
         })?;
-        // From its first corner an outer ring goes south, with its cell below; that of a hole goes east, with the cell above.
+        // From its first corner an outer ring goes south, with its cell below; a hole's ring goes
+        // east, with the cell above.
         let start = match directions {
             ChainDirections::Eight if !is_outer => [corner[0], corner[1] - 1],
             _ => corner,
@@ -48,14 +50,15 @@ impl<'a> RingChain<'a> {
         Ok(RingChain { region, part, directions, corner, first, start })
     }
 
-    /// Hands out the steps.
+    /// Yields the steps of the chain.
     ///
     /// # Errors
     /// If a temporary file cannot be read, or `take` fails.
     pub(super) fn each(&self, take: &mut StepSink<'_>) -> Result<()> {
         let count = self.region.count(self.part);
         let mut walk = Walk { at: self.corner, cell: self.start, directions: self.directions };
-        // From the first corner to the last, and from there to the first; the last point is that with number 0 again.
+        // From the first corner to the last, then on to the first: the last point of the ring
+        // repeats point 0.
         for numbers in [self.first + 1..count, 1..self.first + 1] {
             let mut number = 0;
             self.region.points(self.part, &mut |points| {
@@ -72,7 +75,7 @@ impl<'a> RingChain<'a> {
     }
 }
 
-/// A walk around a region.
+/// State of the traversal of a ring.
 struct Walk {
     at: [i64; 2],
     /// The cell on the left.
@@ -109,7 +112,7 @@ impl Walk {
         Ok(())
     }
 
-    /// Goes to a cell around the one on the left.
+    /// Moves from the cell on the left to one of its neighbours.
     fn move_to(&mut self, cell: [i64; 2], take: &mut StepSink<'_>) -> Result<()> {
         let step = [cell[0] - self.cell[0], cell[1] - self.cell[1]];
         if self.directions == ChainDirections::Four || step == [0; 2] {

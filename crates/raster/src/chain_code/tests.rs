@@ -11,7 +11,7 @@ use spinney_engine::dataset::{self, Dataset};
 use spinney_engine::query::PolygonRequest;
 use spinney_engine::store::{BuildOptions, Slab, Slabs, build_slabs, depth_for};
 
-/// A picture of classes, 0 being VOID.
+/// A raster of classes; 0 is VOID.
 #[derive(Clone, Debug, PartialEq)]
 struct Picture {
     size: [u64; 2],
@@ -64,7 +64,7 @@ impl Picture {
         dataset::open(&path, &Default::default()).unwrap()
     }
 
-    /// The text of the picture's chains.
+    /// The chain code file of the raster.
     fn text(&self, folder: &Path, directions: ChainDirections, request: &PolygonRequest) -> String {
         let path = folder.join("picture.chain");
         let output = Output::create(&path).unwrap();
@@ -73,7 +73,7 @@ impl Picture {
     }
 }
 
-/// The chains of a text, without its head.
+/// The chains of a file, without its head.
 fn body(text: &str) -> &str {
     &text[text.find("region").or(text.find("line")).unwrap()..]
 }
@@ -84,7 +84,7 @@ fn write(folder: &Path, text: &str) -> PathBuf {
     path
 }
 
-/// The picture that a text makes, read in bands of so many rows.
+/// The raster read from a file, in bands of `rows` rows.
 fn read(folder: &Path, text: &str, memory: u64, rows: u64) -> Result<Picture> {
     let path = write(folder, text);
     let mut raster = import::open(&path, &RasterOptions { memory, ..RasterOptions::default() })?;
@@ -148,7 +148,7 @@ fn chains_are_counterclockwise_from_the_first_cell() {
     let [four, eight] =
         BOTH.map(|directions| picture.text(folder.path(), directions, &PolygonRequest::new()));
     assert_eq!(body(&four), "region 1 1 1\n333000111222\nhole 2 2\n0321\nend 1\n");
-    // The hole's chain goes through the cells around it, of which those at the corners are no neighbours of it.
+    // The hole's chain follows the cells around it. Those at its corners are not its 4-neighbours.
     assert_eq!(body(&eight), "region 1 1 1\n66002244\nhole 2 1\n7531\nend 1\n");
     let single = Picture::of(&["02"]).text(folder.path(), ChainDirections::Eight, &PolygonRequest::new());
     assert_eq!(body(&single), "region 2 1 0\nend 1\n");
@@ -176,7 +176,7 @@ fn outlines_of_textbooks_are_read() {
     // Clockwise, with 8 directions, without a size: a triangle.
     let found = read(folder.path(), &format!("{head} 8 region 1 2 0 77 4444 11 end"), 1 << 10, 9).unwrap();
     assert_eq!(found, Picture::of(&["00100", "01110", "11111"]));
-    // What comes later lies on top; chains go on over spaces and lines.
+    // Later regions cover earlier ones; chains continue across spaces and lines.
     let text = format!(
         "{head} 4\nsize 4 3\ntype u8\nregion 1 0 0 3330\n000 111 2222\nregion 5 1 1\n0 3 2 1\nend 2\n"
     );
@@ -194,7 +194,7 @@ fn lines_are_chains_of_the_nearest_cells() {
     assert_eq!(line(&[[0.5, 0.5], [4.5, 4.5]]), [chain([0, 0], &[(7, 4)])]);
     assert_eq!(line(&[[0.5, 6.5], [4.5, 6.5], [4.5, 4.5]]), [chain([0, 6], &[(0, 4), (2, 2)])]);
     assert_eq!(line(&[[3.2, 3.9]]), [chain([3, 3], &[])]);
-    // Out of the picture and in again.
+    // Out of the raster and in again.
     let found = line(&[[6.5, 2.5], [9.5, 2.5], [9.5, 4.5], [6.5, 4.5]]);
     assert_eq!(found, [chain([6, 2], &[(0, 1)]), chain([7, 4], &[(4, 1)])]);
     assert_eq!(line(&[[8.0, 1.0], [8.0, 3.0]]), []);
@@ -204,7 +204,7 @@ fn lines_are_chains_of_the_nearest_cells() {
         assert!(found.len() <= 1, "{found:?}");
     }
     assert_eq!(line(&[[f64::NAN, 0.0], [1.0, 1.0]]), []);
-    // Cells are as near to a segment as cells can be: half a cell along the shorter axis.
+    // Cells are within half a cell of the segment, along the shorter axis: no closer cells exist.
     for seed in 0..400u64 {
         let at = |shift: u64| (seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> shift) as f64 % 64.0 + 0.5;
         let [a, b] =
@@ -274,7 +274,7 @@ fn broken_texts_are_refused() {
     let wide = format!("{}region 1 0 0 0321\nend", head.replace("4 3", "500000000 3"));
     let error = read(folder.path(), &wide, 1 << 20, 1).unwrap_err().to_string();
     assert!(error.contains("a row of 500000000 cells needs 1000000000 bytes"), "{error}");
-    // Bytes of any kind are no chains, and no panic.
+    // Arbitrary bytes are rejected without a panic.
     let whole = Picture::random(3).text(folder.path(), ChainDirections::Eight, &PolygonRequest::new());
     for place in 0..whole.len() {
         for byte in [b' ', b'9', b'z', 0xff] {

@@ -1,4 +1,4 @@
-//! Words and lines of a text of any length, and where they stand.
+//! Tokenizer of text of any length, which tracks line numbers for messages.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -6,20 +6,21 @@ use std::path::{Path, PathBuf};
 use spinney_base::io::{FileAccess, InputFile};
 use spinney_base::{Error, Result};
 
-/// Bytes that are read at a time.
+/// Bytes read at a time.
 const PART: usize = 1 << 16;
-/// Letters of a word, of those that there are.
+/// Maximum length of a word in bytes; no valid word is longer.
 const LONGEST_WORD: usize = 64;
-/// Bytes of a line of the head: a definition of a coordinate system, or the colours of 65,536 classes.
+/// Maximum length of a line in the head, in bytes: a coordinate system definition, or the colours
+/// of 65,536 classes.
 const LONGEST_LINE: usize = 1 << 20;
 
-/// A text that is read from its beginning.
+/// A text file, read sequentially.
 pub(super) struct Text {
     path: PathBuf,
     file: InputFile,
     part: Vec<u8>,
     at: usize,
-    /// Number of the line, from 1.
+    /// Current line number, from 1.
     pub(super) line: u64,
 }
 
@@ -32,7 +33,7 @@ impl Text {
         Ok(Text { path: path.into(), file: access.input(path)?, part: Vec::new(), at: 0, line: 1 })
     }
 
-    /// The next byte, which stays the next.
+    /// Returns the next byte without consuming it.
     pub(super) fn peek(&mut self) -> Result<Option<u8>> {
         if self.at == self.part.len() {
             self.part.clear();
@@ -43,13 +44,13 @@ impl Text {
         Ok(self.part.get(self.at).copied())
     }
 
-    /// Goes past the next byte.
+    /// Consumes the next byte.
     pub(super) fn pass(&mut self) {
         self.line += u64::from(self.part.get(self.at) == Some(&b'\n'));
         self.at += 1;
     }
 
-    /// Goes to the next byte that is no space; nothing at the end.
+    /// Skips white space and returns the next byte, or `None` at the end.
     pub(super) fn skip_space(&mut self) -> Result<Option<u8>> {
         loop {
             match self.peek()? {
@@ -59,7 +60,7 @@ impl Text {
         }
     }
 
-    /// The next word; nothing at the end.
+    /// Returns the next word, or `None` at the end.
     pub(super) fn word(&mut self) -> Result<Option<String>> {
         self.skip_space()?;
         let mut word = Vec::new();
@@ -74,7 +75,7 @@ impl Text {
         Ok((!word.is_empty()).then(|| String::from_utf8_lossy(&word).into_owned()))
     }
 
-    /// The rest of the line.
+    /// Returns the rest of the line.
     pub(super) fn rest(&mut self) -> Result<String> {
         let mut rest = Vec::new();
         while let Some(byte) = self.peek()?.filter(|byte| *byte != b'\n') {
@@ -90,10 +91,10 @@ impl Text {
         }
     }
 
-    /// The next word as what a number is read by.
+    /// Parses the next word with `read`.
     ///
     /// # Errors
-    /// If it is none, or `read` does not take it.
+    /// If there is no word, or `read` rejects it.
     pub(super) fn number<T>(&mut self, expected: &str, read: impl FnOnce(&str) -> Option<T>) -> Result<T> {
         let word = self.word()?;
         match word.as_deref().and_then(read) {
@@ -103,23 +104,23 @@ impl Text {
         }
     }
 
-    /// The error that something stands in this line where something else should.
+    /// Returns the error for unexpected content in the current line.
     pub(super) fn wrong(&self, found: &str, expected: &str) -> Error {
         self.wrong_in(self.line, found, expected)
     }
 
-    /// The error of another line.
+    /// Returns the error for unexpected content in another line.
     pub(super) fn wrong_in(&self, line: u64, found: &str, expected: &str) -> Error {
         Error::corrupt(&self.path, format!("line {line}"), found, expected)
     }
 
-    /// The error that the text uses what is not known.
+    /// Returns the error for an unsupported feature.
     pub(super) fn unsupported(&self, found: String, advice: &str) -> Error {
         Error::unsupported(&self.path, found, advice)
     }
 }
 
-/// A word of a text, as messages show it.
+/// Formats a word for messages: escaped, at most 60 characters.
 pub(super) fn shown(word: &[u8]) -> String {
     format!(
         "`{}`",

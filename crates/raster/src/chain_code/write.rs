@@ -1,4 +1,4 @@
-//! Chain codes out: regions of classes, and lines.
+//! Writer of chain codes: regions of classes, and lines.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -13,16 +13,19 @@ use spinney_crs::{Crs, Frame};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::{ClassRegion, PolygonRequest, PolygonSummary};
 
-/// Steps in a line of text.
+/// Steps per line of text.
 const LINE: usize = 120;
-/// Bytes that are written at a time.
+/// Bytes buffered before a write.
 const PART: usize = 1 << 16;
 
-/// Writes the regions of a quadtree of classes as Freeman chain codes: of each its class, where its chain begins, the chain, and the same of each hole. What
-/// is wanted and what memory it takes are as for [polygons](Dataset::polygons), whose borders the chains follow; of regions that hang together by corners each polygon has
-/// a chain. The number of directions says whether chains go along the sides of cells or from cell to cell.
+/// Writes the regions of a categorical quadtree as Freeman chain codes. Each region has its class,
+/// the start and the steps of its chain, and a chain for each hole. `request` and memory use are
+/// those of [polygons](Dataset::polygons), whose borders the chains follow. A region whose polygons
+/// touch only at corners has one chain per polygon. With 4 directions chains follow the sides of
+/// cells, with 8 they go from cell to cell.
 ///
-/// The text has the picture's size, its type, place and coordinate system, nodata number, colours and names, so that the tree that is built of it has the same cells.
+/// The file also stores the raster's size, sample type, frame, coordinate system, nodata number,
+/// colours and class names, so that a tree built from it has the same cells.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -33,15 +36,18 @@ const PART: usize = 1 << 16;
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (text, again) = (folder.path().join("classes.chain"), folder.path().join("again.goblin"));
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
-/// export_chain_code(&map, &PolygonRequest::new(), ChainDirections::Eight, Output::create(&text)?, &())?;
+/// export_chain_code(
+///     &map, &PolygonRequest::new(), ChainDirections::Eight, Output::create(&text)?, &())?;
 ///
 /// spinney::build(&text, &again)?;
-/// assert_eq!(spinney::open(&again)?.statistics(None, &())?.classes, map.statistics(None, &())?.classes);
+/// assert_eq!(
+///     spinney::open(&again)?.statistics(None, &())?.classes, map.statistics(None, &())?.classes);
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
-/// Those of [`Dataset::polygons`]; if borders are to be simplified, or the output cannot be written.
+/// Those of [`Dataset::polygons`]; if borders are to be simplified, or the output cannot be
+/// written.
 pub fn export_chain_code(
     tree: &Dataset,
     request: &PolygonRequest,
@@ -56,7 +62,7 @@ pub fn export_chain_code(
     let mut request = request.clone();
     request.in_cells = true;
     if output.is_file() && request.folder.is_none() {
-        // Borders that wait for their ends do so beside the output.
+        // Temporary files of unfinished borders are created next to the output.
         request.folder = Some(PathBuf::from(spinney_base::io::folder(output.path())));
     }
     let level = request.level.unwrap_or(tree.depth());
@@ -65,25 +71,26 @@ pub fn export_chain_code(
     writer.finish().map(|()| summary)
 }
 
-/// A chain code that is being written.
+/// Writer of a chain code file.
 pub struct ChainWriter {
     output: Output,
     directions: ChainDirections,
     size: [u64; 2],
     value: ValueType,
-    /// Text that is still to be written.
+    /// Buffered text.
     text: Vec<u8>,
-    /// Steps in its last line.
+    /// Steps in the current line.
     steps: usize,
-    /// Regions and lines.
+    /// Number of regions and lines.
     count: u64,
 }
 
 impl ChainWriter {
-    /// Begins a text that speaks of the cells of a level of a quadtree.
+    /// Starts a file for the cells of a level of a quadtree.
     ///
     /// # Errors
-    /// If the tree is an octree or of several channels, there is no such level, or the output cannot be written.
+    /// If the tree is an octree or has several channels, there is no such level, or the output
+    /// cannot be written.
     pub fn create(
         output: Output,
         tree: &Dataset,
@@ -142,11 +149,14 @@ impl ChainWriter {
         Ok(())
     }
 
-    /// Writes a line, by its corners in cells, as the chain of cells that are nearest to it, from each to one of the 8 around it, which get a class. Of what lies
-    /// beyond the picture nothing is written, and of a line that leaves it and comes back several chains. Returns their number.
+    /// Writes a line, given by its vertices in cells, as a chain of the nearest cells. Each cell is
+    /// one of the 8 neighbours of the cell before it. The cells get the class. Sections outside of
+    /// the raster are omitted, so a line that leaves the raster and returns becomes several chains.
+    /// Returns the number of chains.
     ///
     /// # Errors
-    /// If chains have 4 directions, the tree has no such class, or the output cannot be written.
+    /// If chains have 4 directions, the tree cannot hold the class, or the output cannot be
+    /// written.
     pub fn line(&mut self, class: Number, corners: &[[f64; 2]]) -> Result<usize> {
         if self.directions == ChainDirections::Four {
             return Err(Error::invalid(
@@ -168,7 +178,7 @@ impl ChainWriter {
         Ok(chains.len())
     }
 
-    /// Ends the text, and lets it appear.
+    /// Ends the file and publishes it.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -179,7 +189,7 @@ impl ChainWriter {
         self.output.commit()
     }
 
-    /// Begins a chain.
+    /// Starts a chain.
     fn begin(&mut self, word: &str, class: Option<Number>, [column, row]: [i64; 2]) -> Result<()> {
         self.end_line();
         let class = class.map_or(String::new(), |class| format!("{class} "));
@@ -187,7 +197,7 @@ impl ChainWriter {
         self.flush(PART)
     }
 
-    /// Writes a code so many times.
+    /// Writes a code `count` times.
     fn steps(&mut self, code: u8, mut count: u64) -> Result<()> {
         while count > 0 {
             let here = count.min((LINE - self.steps) as u64);
@@ -208,7 +218,7 @@ impl ChainWriter {
         }
     }
 
-    /// Writes the text that has gathered, if there is more than so much.
+    /// Writes the buffered text if it exceeds `most` bytes.
     fn flush(&mut self, most: usize) -> Result<()> {
         if self.text.len() > most {
             self.output.write_all(&self.text).map_err(Error::io(self.output.path(), "write"))?;
@@ -218,7 +228,7 @@ impl ChainWriter {
     }
 }
 
-/// Lines that tell where the cells are.
+/// Lines of the head that georeference the cells.
 fn place_lines(output: &Output, frame: &Frame, progress: &dyn Progress) -> String {
     let mut text = String::new();
     if !frame.is_identity() {
@@ -228,7 +238,7 @@ fn place_lines(output: &Output, frame: &Frame, progress: &dyn Progress) -> Strin
         text += "points\n";
     }
     if let Some(crs) = &frame.crs {
-        // (Of GeoTIFF keys there is no text that is a definition by itself.)
+        // GeoTIFF keys have no text form that is a complete definition: convert them to WKT 2.
         let own = crs.definition();
         let told = match Crs::parse(&own) {
             Ok(_) => Ok(own),

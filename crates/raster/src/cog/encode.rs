@@ -1,4 +1,4 @@
-//! Tiles of a level, read from the tree and compressed.
+//! Encoder of tiles: reads their cells from the tree and compresses them.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,27 +12,27 @@ use spinney_base::space::Bounds;
 use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
-/// Tiles of one value that are kept: more than most maps have values.
+/// Maximum number of cached uniform tiles; most maps have fewer values.
 const MAX_KEPT: usize = 1 << 10;
 
-/// A tile as it stands in the file.
+/// An encoded tile.
 pub(super) struct EncodedTile {
     pub(super) cells: Arc<Vec<u8>>,
     pub(super) mask: Option<Arc<Vec<u8>>>,
 }
 
-/// The way from a place in the tree to a tile.
+/// Encoder of tiles.
 pub(super) struct Encoder<'a> {
     tree: &'a Dataset,
-    /// Bytes of a value.
+    /// Bytes per value.
     width: usize,
-    /// Whether some cells may be VOID, and the number for them.
+    /// Whether cells may be VOID, and the number for VOID.
     void: bool,
     fill: Number,
     coding: Coding,
     side: u64,
     has_masks: bool,
-    /// Tiles of one value, by the value.
+    /// Cached tiles of a single value, by the value.
     uniform: Mutex<HashMap<Vec<u8>, Arc<Vec<u8>>>>,
     full_mask: Arc<Vec<u8>>,
 }
@@ -52,7 +52,8 @@ impl Encoder<'_> {
         Encoder { tree, width, void, fill, coding, side, has_masks, uniform, full_mask }
     }
 
-    /// A tile of a level by its number; `None` if all of its cells are VOID. Cells beyond the picture are VOID, too.
+    /// Encodes a tile of a level, or returns `None` if all of its cells are VOID. Cells outside of
+    /// the raster are VOID.
     pub(super) fn encode(&self, level: &LevelTiles, number: u64) -> Result<Option<EncodedTile>> {
         let [column, row] = level.corner(number);
         let bounds = Bounds { min: [column, row, 0], max: [column + self.side, row + self.side, 1] };

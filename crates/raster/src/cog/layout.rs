@@ -1,12 +1,12 @@
-//! The beginning of a cloud-optimized GeoTIFF: GDAL's description of the layout, directories, and room for the tables of
-//! tiles, whose places are known before the first tile is.
+//! The beginning of a cloud-optimized GeoTIFF: GDAL's description of the layout, the directories,
+//! and space for the tile tables. The offsets of these are known before the first tile is encoded.
 
 use crate::image::ImageSpec;
 use crate::image::tiff::{descriptive_tags, mask_tags, sample_tags};
 use crate::image::tiff_coding::Coding;
 use crate::image::tiff_tags::{self, IfdField, WordWidth, directory, tag, tag_value, value_place, word};
 
-/// A level of the tree in tiles, from the upper left one on, in rows.
+/// A level of the tree in tiles, in row-major order from the upper left.
 pub(super) struct LevelTiles {
     pub(super) level: u8,
     pub(super) width: u64,
@@ -20,7 +20,7 @@ impl LevelTiles {
         self.width * self.height
     }
 
-    /// Tiles in a row.
+    /// Tiles per row.
     fn across(&self) -> u64 {
         self.width.div_ceil(self.side)
     }
@@ -34,14 +34,14 @@ impl LevelTiles {
         [number % self.across(), number / self.across()].map(|index| index * self.side)
     }
 
-    /// Cells of a tile that are in the picture.
+    /// Number of cells of a tile inside the raster.
     pub(super) fn cells_of(&self, number: u64) -> u64 {
         let [column, row] = self.corner(number);
         (self.width - column).min(self.side) * (self.height - row).min(self.side)
     }
 }
 
-/// The tiles of a level that are stored: a bit for each.
+/// Set of the stored tiles of a level, one bit per tile.
 pub(super) struct StoredTiles<'a> {
     level: &'a LevelTiles,
     bits: Vec<u64>,
@@ -56,7 +56,7 @@ impl StoredTiles<'_> {
         self.bits[(number / 64) as usize] |= 1 << (number % 64);
     }
 
-    /// Whether the tile that a tile of the next level lies below is among them.
+    /// Whether the set has the parent of a tile of the next deeper level.
     pub(super) fn is_above(&self, level: &LevelTiles, number: u64) -> bool {
         let [column, row] = level.corner(number).map(|cell| cell / (2 * level.side));
         let above = row * self.level.across() + column;
@@ -64,14 +64,14 @@ impl StoredTiles<'_> {
     }
 }
 
-/// The places of the two tables of a picture's tiles in the file.
+/// File offsets of the two tile tables of an image.
 #[derive(Clone, Copy)]
 pub(super) struct Table {
     pub(super) offsets: u64,
     pub(super) lengths: u64,
 }
 
-/// Tables of a level's picture, and of its mask.
+/// Tables of a level's image and of its mask.
 pub(super) struct Tables {
     pub(super) cells: Table,
     pub(super) mask: Option<Table>,
@@ -81,12 +81,12 @@ pub(super) struct Tables {
 pub(super) struct Beginning {
     pub(super) big: bool,
     pub(super) bytes: Vec<u8>,
-    /// The end of the tables of tiles, which follow, and the place of the first tile.
+    /// End of the tile tables, which follow the directories: offset of the first tile.
     pub(super) end: u64,
     pub(super) tables: Vec<Tables>,
 }
 
-/// Lays out the file's beginning: a directory for each level and each mask, from the deepest level up.
+/// Lays out the beginning of the file: a directory per level and mask, from the deepest level up.
 pub(super) fn lay_out(
     spec: &ImageSpec,
     coding: &Coding,
@@ -97,7 +97,7 @@ pub(super) fn lay_out(
 ) -> Beginning {
     let mut bytes = tiff_tags::header(big).0.to_vec();
     bytes.extend(ghost(has_masks).bytes());
-    // (Validators want the first directory at the first even place.)
+    // Validators expect the first directory at the first even offset.
     bytes.resize(bytes.len().next_multiple_of(2), 0);
     let first = word(bytes.len() as u64, big);
     let place = tiff_tags::header(big).1 as usize;
@@ -119,7 +119,7 @@ pub(super) fn lay_out(
             directories.push(Directory::new(level, side, mask_tags(), kind));
         }
     }
-    // Lengths do not depend on places.
+    // Lengths of directories do not depend on offsets.
     let lengths: Vec<u64> =
         directories.iter().map(|one| directory(one.tags(big, 0, 0), 0, 0, big).len() as u64).collect();
     let mut tables_at = (bytes.len() as u64 + lengths.iter().sum::<u64>()).next_multiple_of(8);
@@ -132,7 +132,7 @@ pub(super) fn lay_out(
         let lengths_at = tables_at;
         tables_at += (one.tiles * WordWidth::Four as u64).next_multiple_of(8);
         let tags = one.tags(big, offsets_at, lengths_at);
-        // What fits stands in the directory itself.
+        // Tables that fit are in the directory itself.
         let place = |number: u16, width: WordWidth, elsewhere: u64| {
             let fits = one.tiles * width as u64 <= offset_width(big) as u64;
             if fits { value_place(&tags, number, at, big) } else { elsewhere }
@@ -148,9 +148,9 @@ pub(super) fn lay_out(
     Beginning { big, bytes, end: tables_at, tables }
 }
 
-/// Text that GDAL's readers look for behind the header, to make use of the layout.
+/// Text after the header by which GDAL's readers recognize the layout.
 fn ghost(has_masks: bool) -> String {
-    // (The blank is room for a YES where the NO is, for programs that edit the file.)
+    // The blank leaves space for a YES instead of the NO, for programs that edit the file.
     let mut text = "LAYOUT=IFDS_BEFORE_DATA\nBLOCK_ORDER=ROW_MAJOR\nBLOCK_LEADER=SIZE_AS_UINT4\n\
                     BLOCK_TRAILER=LAST_4_BYTES_REPEATED\nKNOWN_INCOMPATIBLE_EDITION=NO\n "
         .to_string();
@@ -164,7 +164,7 @@ fn offset_width(big: bool) -> WordWidth {
     if big { WordWidth::Eight } else { WordWidth::Four }
 }
 
-/// A directory, but for its tables of tiles.
+/// A directory without its tile tables.
 struct Directory {
     tags: Vec<(u16, IfdField)>,
     tiles: u64,
@@ -185,7 +185,7 @@ impl Directory {
         Directory { tags, tiles: level.count() }
     }
 
-    /// All tags, with tables that stand at these places.
+    /// All tags, with tables at these offsets.
     fn tags(&self, big: bool, offsets_at: u64, lengths_at: u64) -> Vec<(u16, IfdField)> {
         let later = |width, at| IfdField::Later { width, count: self.tiles, at };
         let mut tags = self.tags.clone();

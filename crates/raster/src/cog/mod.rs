@@ -1,9 +1,10 @@
-//! Cloud-optimized GeoTIFF: all levels of a quadtree in tiles, laid out so that any of them is read from afar with few
-//! requests.
+//! Cloud-optimized GeoTIFF: all levels of a quadtree in tiles, laid out so that remote readers need
+//! few requests for any of them.
 //!
-//! The overviews are the tree's own levels, so that they have what the tree's rule says, and nothing is made anew. The file
-//! is as GDAL's driver COG lays it out: directories, then the tables of tiles, then tiles, those of the smallest overview
-//! first; each with its length before it, and its last bytes again behind it. Tiles without any value are not stored.
+//! The overviews are the tree's own levels: they follow the tree's rule, and nothing is resampled.
+//! The layout is that of GDAL's COG driver: directories, then tile tables, then tiles, beginning
+//! with those of the smallest overview. Each tile is preceded by its length and followed by a copy
+//! of its last bytes. Tiles without values are not stored.
 
 mod encode;
 mod layout;
@@ -24,7 +25,7 @@ use spinney_container::{Metadata, TagScope};
 use spinney_crs::web_mercator_depth;
 use spinney_engine::dataset::Dataset;
 
-/// Tiles, compression and nodata of a cloud-optimized GeoTIFF.
+/// Tile size, compression and nodata number of a cloud-optimized GeoTIFF.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CogRequest {
@@ -32,15 +33,16 @@ pub struct CogRequest {
     pub tile_size: u32,
     /// Compression of tiles.
     pub compression: CogCompression,
-    /// The number for VOID cells; an error if it lies within the values; chosen if not given, see
-    /// [`void_number`](super::void_number). Where every number is a value, the file gets a mask instead.
+    /// The number for VOID cells; an error if it lies within the range of the values.
+    /// [`void_number`](super::void_number) chooses the default. If every number is a value, the
+    /// file gets a mask instead.
     pub nodata: Option<Number>,
-    /// Bytes to hold at a time; one tile must fit.
+    /// Memory budget in bytes; one tile must fit.
     pub memory: u64,
 }
 
 impl CogRequest {
-    /// Tiles of 512 x 512 pixels, written with 64 MiB of memory.
+    /// Tiles of 512 x 512 pixels, with a memory budget of 64 MiB.
     pub fn new() -> CogRequest {
         let compression = CogCompression::default();
         CogRequest { tile_size: 512, compression, nodata: None, memory: DEFAULT_MEMORY }
@@ -53,34 +55,35 @@ impl Default for CogRequest {
     }
 }
 
-/// Compression of a cloud-optimized GeoTIFF; none loses anything.
+/// Compression of a cloud-optimized GeoTIFF. All are lossless.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum CogCompression {
-    /// Deflate: what every reader of TIFF knows.
+    /// Deflate, which every TIFF reader supports.
     #[default]
     Deflate,
     /// Zstandard: smaller and faster, for readers with libtiff 4.0.10 or newer.
     Zstd,
-    /// Samples as they are.
+    /// Uncompressed samples.
     None,
 }
 
 /// Size of a written file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CogSummary {
-    /// Overviews: levels above the deepest.
+    /// Number of overviews: levels above the deepest.
     pub overviews: usize,
-    /// Tiles of all levels that are stored.
+    /// Number of stored tiles, of all levels.
     pub tiles: u64,
-    /// Tiles that are not, since all of their cells are VOID.
+    /// Number of tiles that are not stored, because all of their cells are VOID.
     pub sparse_tiles: u64,
-    /// Whether masks say which cells are VOID.
+    /// Whether masks encode VOID cells.
     pub has_masks: bool,
 }
 
-/// Writes a quadtree, or a view of one, as a cloud-optimized GeoTIFF: the deepest level and, as overviews, all above it that
-/// are larger than a tile, and one more. Each pixel is the node of its level. Statistics, palette, names and coordinate
-/// system go along; names of values also into a sidecar, for programs that do not find them in the file.
+/// Writes a quadtree, or a view of one, as a cloud-optimized GeoTIFF. The file has the deepest
+/// level and, as overviews, all levels above it up to the first that fits one tile. Each pixel is
+/// the node of its level. Statistics, palette, names and coordinate system are included. Names of
+/// values are also written to a sidecar, for programs that do not find them in the file.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -95,12 +98,13 @@ pub struct CogSummary {
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
-/// Of a file on the grid of web maps, whose root is the world, the cells around the data are written.
+/// Of a file on the grid of web maps, whose root is the world, only the cells around the data are
+/// written.
 ///
 /// # Errors
-/// If the tree is an octree, its picture is empty, tiles have a size that TIFF does not know or need more memory than is
-/// allowed, the table of tiles alone needs more room than there is, the tree is damaged or was changed meanwhile, the output
-/// cannot be written, or on interruption.
+/// If the tree is an octree, its raster is empty, the tile size is invalid, a tile exceeds the
+/// memory budget, the tile tables alone need more space than is available, the tree is corrupt or
+/// has changed meanwhile, the output cannot be written, or on cancellation.
 pub fn export_cog(
     tree: &Dataset,
     request: &CogRequest,
@@ -123,7 +127,7 @@ pub fn export_cog(
     let value = spec.value;
     let side = u64::from(request.tile_size);
     let tile_bytes = side * side * value.size() as u64;
-    // Cells, which of them are VOID, and what becomes of them.
+    // Cells, their validity flags, and the compressed copies.
     let needed = 3 * tile_bytes + 2 * side * side;
     if needed > request.memory {
         return Err(Error::TooLarge {
@@ -170,7 +174,8 @@ pub fn export_cog(
     Ok(CogSummary { overviews, tiles: stored, sparse_tiles: tiles - stored, has_masks })
 }
 
-/// Of a file on the grid of web maps the cells around its data, from a cell on that begins one of each overview; nothing of other trees.
+/// Of a file on the grid of web maps, returns the cells around its data, aligned to cells of each
+/// overview; `None` for other trees.
 fn part_of_world(tree: &Dataset, tile_size: u32) -> Result<Option<Dataset>> {
     let (frame, extent) = (&tree.metadata().frame, tree.header().extent);
     let file = tree.as_file().filter(|_| web_mercator_depth(frame, extent).is_some());
@@ -183,7 +188,8 @@ fn part_of_world(tree: &Dataset, tile_size: u32) -> Result<Option<Dataset>> {
     Dataset::of(file.into())?.view(&[window]).map(Some)
 }
 
-/// The picture of a tree's deepest level, with the tree's statistics among what is known of it, and the number for VOID.
+/// The image of a tree's deepest level, with the tree's statistics in its metadata, and the number
+/// for VOID.
 fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, VoidCells)> {
     let window = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
     let grid = OutputGrid::of(tree, &window)?;
@@ -193,7 +199,7 @@ fn picture(tree: &Dataset, request: &CogRequest) -> Result<(ImageSpec, VoidCells
     Ok((spec, void))
 }
 
-/// Adds the tree's exact statistics as GDAL names them.
+/// Adds the tree's exact statistics, by GDAL's names.
 fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
     let statistics = tree.statistics(None, &())?;
     let cells = statistics.cells + statistics.void_cells;
@@ -214,7 +220,8 @@ fn add_statistics(metadata: &mut Metadata, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// The levels that are written, the deepest first: the last is the first that fits into a tile.
+/// Returns the written levels, the deepest first. The last one is the deepest level that fits into
+/// one tile.
 fn levels(tree: &Dataset, side: u64) -> Vec<LevelTiles> {
     let mut levels = Vec::new();
     for level in (0..=tree.depth()).rev() {
@@ -227,12 +234,12 @@ fn levels(tree: &Dataset, side: u64) -> Vec<LevelTiles> {
     levels
 }
 
-/// Writes tiles one behind the other, and their places into tables.
+/// Writes tiles consecutively, and their offsets into the tables.
 struct Writer<'a> {
     output: Seekable,
     big: bool,
     encoder: Encoder<'a>,
-    /// Tiles that are encoded at a time.
+    /// Tiles encoded at a time.
     batch: u64,
     /// Cells of all levels.
     cells: u64,
@@ -241,7 +248,7 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Makes room up to `end`.
+    /// Fills the file with zeros up to `end`.
     fn reserve(&mut self, end: u64) -> Result<()> {
         let zeros = [0; 1 << 16];
         while self.output.position() < end {
@@ -252,7 +259,7 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Writes the tiles of a level, given those of the level above it.
+    /// Writes the tiles of a level, given the stored tiles of the level above.
     fn write_level<'l>(
         &mut self,
         level: &'l LevelTiles,
@@ -264,7 +271,7 @@ impl Writer<'_> {
             let numbers: Vec<u64> = (first..level.count().min(first + self.batch)).collect();
             let tiles: Vec<Option<EncodedTile>> = batch::map(&numbers, |number| {
                 self.progress.check()?;
-                // Where the level above has nothing, there is nothing below.
+                // Nothing is below a tile that is not stored.
                 let may_be = above.is_none_or(|above| above.is_above(level, *number));
                 let tile = if may_be { self.encoder.encode(level, *number)? } else { None };
                 self.progress.advance(level.cells_of(*number), self.cells);
@@ -291,8 +298,8 @@ impl Writer<'_> {
         Ok(stored_tiles)
     }
 
-    /// Appends a tile with its length before it and its last four bytes again behind it; returns its place and length, which
-    /// are 0 if there is none.
+    /// Appends a tile, preceded by its length and followed by a copy of its last four bytes.
+    /// Returns its offset and length, which are 0 without a tile.
     fn append(&mut self, tile: Option<&[u8]>) -> Result<(u64, u32)> {
         let Some(tile) = tile else { return Ok((0, 0)) };
         let length = tile.len() as u32;
@@ -306,7 +313,8 @@ impl Writer<'_> {
         Ok((place, length))
     }
 
-    /// Writes places and lengths of tiles, of which the first has this number, into their table.
+    /// Writes offsets and lengths of tiles into their table; `first` is the index of the first
+    /// tile.
     fn enter(&mut self, tiles: &[(u64, u32)], table: layout::Table, first: u64) -> Result<()> {
         if tiles.iter().all(|(_, length)| *length == 0) {
             return Ok(());

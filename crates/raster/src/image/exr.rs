@@ -1,4 +1,4 @@
-//! OpenEXR: rows in ZIP-compressed blocks.
+//! Writer of OpenEXR: rows in ZIP-compressed blocks.
 
 use exr::block::{BlockIndex, UncompressedBlock};
 use exr::meta::attribute::{ChannelDescription, LineOrder, SampleType as ExrType, Text};
@@ -13,20 +13,21 @@ use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// Rows of a block, as ZIP compression has it.
+/// Rows per block, as defined by ZIP compression.
 const BLOCK_ROWS: usize = 16;
 
 struct Exr {
     output: Seekable,
     rows: Rows,
     headers: Headers,
-    /// Index among the samples of a pixel, for each channel of the file; these are sorted by name.
+    /// Index among the samples of a pixel, for each channel of the file. OpenEXR sorts channels by
+    /// name.
     order: &'static [usize],
-    /// Rows that wait for their block to be complete, and a few complete blocks.
+    /// Rows of an incomplete block, and a few complete blocks.
     waiting: Vec<u8>,
-    /// The first row that waits.
+    /// Index of the first buffered row.
     first_row: usize,
-    /// Offset of the table of block offsets in the file, and the table.
+    /// File offset of the block offset table, and the table.
     table_at: u64,
     table: Vec<u8>,
 }
@@ -84,7 +85,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
 }
 
 impl Exr {
-    /// Compresses and writes the waiting rows.
+    /// Compresses and writes the buffered rows.
     fn write_blocks(&mut self) -> Result<()> {
         let row_bytes = self.rows.row_bytes as usize;
         let (waiting, headers, order) = (&self.waiting, &self.headers, self.order);
@@ -114,8 +115,8 @@ impl Exr {
     }
 }
 
-/// One row, channel after channel, in the machine's byte order, as the encoder wants it.
-#[allow(clippy::host_endian_bytes)] // the encoder's interface is in the machine's order
+/// Yields a row channel by channel in native byte order, as the encoder requires.
+#[allow(clippy::host_endian_bytes)] // the encoder's interface is in native byte order
 fn planes(row: &[u8], order: &'static [usize]) -> impl Iterator<Item = u8> {
     let samples = row.as_chunks::<4>().0;
     order.iter().flat_map(move |&channel| {

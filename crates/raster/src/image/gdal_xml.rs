@@ -1,4 +1,5 @@
-//! GDAL's XML: what is said about a picture and its channels, for the TIFF tag GDAL_METADATA and for sidecars.
+//! GDAL's XML metadata of an image and its channels, for the TIFF tag GDAL_METADATA and for
+//! sidecars.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -7,15 +8,15 @@ use spinney_base::value::{Number, SampleType};
 use spinney_container::{Metadata, Tag};
 use spinney_crs::Crs;
 
-/// Values that a list of categories is for, which has a line for each from 0 on.
+/// Upper bound of the values in a list of categories, which has a line for each value from 0 on.
 const CATEGORIES: i64 = 1 << 16;
 
-/// Content of the tag GDAL_METADATA; nothing if there is nothing to say. Names of values are no part of it, unless
-/// `with_classes` puts them into an attribute table, which not all programs find there.
+/// Content of the tag GDAL_METADATA, or `None` without metadata. `with_classes` adds an attribute
+/// table with the names of values, which not all programs read from there.
 pub(super) fn metadata(metadata: &Metadata, with_classes: bool) -> Option<String> {
     let mut xml = String::new();
     for (name, value) in &metadata.tags {
-        // Those have tags of their own.
+        // These have tags of their own.
         if !name.starts_with("TIFFTAG_") && name != "AREA_OR_POINT" && name != Tag::ColourRoles.key() {
             push_item(&mut xml, (name, value), "", "");
         }
@@ -54,7 +55,8 @@ pub(super) fn metadata(metadata: &Metadata, with_classes: bool) -> Option<String
     (!xml.is_empty()).then(|| format!("<GDALMetadata>\n{xml}</GDALMetadata>\n"))
 }
 
-/// Content of a sidecar with a coordinate system and the names of values; nothing if there is neither.
+/// Content of a sidecar with a coordinate system and the names of values, or `None` if there is
+/// neither.
 pub(super) fn sidecar(metadata: &Metadata, crs: Option<&Crs>) -> Option<String> {
     let mut xml = String::new();
     if let Some(crs) = crs {
@@ -86,18 +88,18 @@ fn push_names(xml: &mut String, names: &BTreeMap<Number, String>) {
     *xml += "  </PAMRasterBand>\n";
 }
 
-/// Adds an item, of which `place` is attributes that are written as they are.
+/// Adds an item. `place` is a list of attributes that is written unchanged.
 fn push_item(xml: &mut String, (name, value): (&str, &str), place: &str, domain: &str) {
     let name = escaped(name);
     let domain = if domain.is_empty() { String::new() } else { format!(" domain=\"{}\"", escaped(domain)) };
-    // GDAL escapes values twice, and so it reads.
+    // GDAL escapes values twice, and reads them so.
     let value = escaped(&escaped(value));
     let _ = writeln!(xml, "  <Item name=\"{name}\"{place}{domain}>{value}</Item>");
 }
 
-/// Adds an attribute table with a value and its name in each row.
+/// Adds an attribute table with one row per value and its name.
 fn push_attribute_table(xml: &mut String, names: &BTreeMap<Number, String>) {
-    // GDAL's numbers: columns of type 0 are whole numbers of 32 bits, of 1 floating ones, of 2 texts; their usage is
+    // GDAL's codes: column type 0 is 32-bit integers, 1 floating-point numbers, 2 strings; usage is
     // 5 for values and 2 for names.
     let are_small = names.keys().all(|value| SampleType::I32.can_hold(*value));
     *xml += "  <GDALRasterAttributeTable tableType=\"thematic\">\n";
@@ -113,7 +115,7 @@ fn push_attribute_table(xml: &mut String, names: &BTreeMap<Number, String>) {
     *xml += "  </GDALRasterAttributeTable>\n";
 }
 
-/// A text as it may stand in an element or attribute. NUL would end a tag.
+/// Escapes a string for an element or attribute. Drops NUL, which would end a tag.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for character in text.chars() {

@@ -1,4 +1,4 @@
-//! Pictures and arrays, written row by row.
+//! Writers of images and arrays, row by row.
 
 mod exr;
 mod gdal_xml;
@@ -22,71 +22,73 @@ use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
-/// Size, samples and metadata of a picture to be written.
+/// Size, samples and metadata of an image to be written.
 #[derive(Clone, Debug)]
 pub struct ImageSpec {
     /// Columns.
     pub width: u64,
     /// Rows.
     pub height: u64,
-    /// Samples of a pixel.
+    /// Type and number of a pixel's samples.
     pub value: ValueType,
     /// Whether the last sample is opacity.
     pub alpha: bool,
-    /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none (or, with a palette, uses
-    /// `nodata` if that is a value, and else writes colours).
+    /// Whether pixels may be VOID. PNG then gets an opacity channel if it has none. PNG with a
+    /// palette uses `nodata` if that is a palette index, and otherwise writes colours.
     pub void: bool,
-    /// Descriptions of the picture, for formats that can keep it. Frame and control points are those of the
-    /// pixels; nodata is the number that VOID pixels have in every channel of the rows that are written.
+    /// Metadata, for formats that can hold it. Frame and control points refer to the pixels.
+    /// `nodata` is the number that VOID pixels have in every channel of the rows that are written.
     pub metadata: Metadata,
 }
 
 impl ImageSpec {
-    /// Whether a TIFF file needs a mask for VOID pixels, since neither opacity nor a number encodes them.
+    /// Whether a TIFF file needs a mask for VOID pixels, because neither opacity nor a number
+    /// encodes them.
     pub(crate) fn needs_mask(&self) -> bool {
         self.void && !self.alpha && self.metadata.nodata.is_none()
     }
 }
 
-/// A file format, chosen by name.
+/// File format of an image or array.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[allow(missing_docs)] // the names say it
 pub enum Format {
     Png,
-    /// Without loss. What is not painted is painted in the tree's default style.
+    /// Lossless. Values without a style are painted in the tree's default style.
     Webp,
     Tiff,
     Exr,
     Npy,
-    /// Octrees alone.
+    /// Octrees only.
     Nrrd,
-    /// The samples, nothing else.
+    /// Raw samples without a header.
     Raw,
 }
 
-/// Writes one picture from the top down.
+/// Writer of one image from the top down.
 pub trait RowWriter {
-    /// Writes the next rows: whole rows, pixels from the left, a pixel's samples together, little-endian.
+    /// Writes the next rows: whole rows, pixels from the left, the samples of a pixel together,
+    /// little-endian.
     ///
-    /// `valid` has a flag per pixel where some may be VOID: PNG pictures announced as [`ImageSpec::void`]
-    /// make their opacity channel of it, and TIFF files without a nodata number a mask (no flags: nothing is VOID); all others rely on the
-    /// nodata number being in `bytes` already.
+    /// `valid` has a flag per pixel if some may be VOID. PNG images declared as [`ImageSpec::void`]
+    /// turn it into their opacity channel, and TIFF files without a nodata number into a mask.
+    /// Without flags no pixel is VOID. All other formats rely on the nodata number in `bytes`.
     ///
     /// # Errors
-    /// If the bytes are no whole rows, are more than announced, or cannot be written.
+    /// If the bytes are not whole rows, exceed the declared height, or cannot be written.
     fn write_rows(&mut self, bytes: &[u8], valid: Option<&[bool]>) -> Result<()>;
 
     /// Completes the file and publishes it under its name: see [`Output::commit`].
     ///
     /// # Errors
-    /// If it cannot be written. If fewer rows than announced were written, that is an error too.
+    /// If it cannot be written, or rows are missing.
     fn finish(self: Box<Self>) -> Result<()>;
 }
 
-/// Starts a picture.
+/// Starts an image.
 ///
 /// # Errors
-/// If the format cannot hold such values or so many pixels; the message says which format can.
+/// If the format cannot hold such values or that many pixels; the message names a format that can.
 pub fn create(output: Output, format: Format, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {
     if spec.width == 0 || spec.height == 0 {
         let found = format!("{} x {} pixels", spec.width, spec.height);
@@ -117,7 +119,7 @@ impl Rows {
         Rows { row_bytes: spec.width * spec.value.size() as u64, missing: spec.height }
     }
 
-    /// The number of rows in `bytes`, which are about to be written.
+    /// Returns the number of rows in `bytes`, which are about to be written.
     fn take(&mut self, bytes: &[u8]) -> Result<u64> {
         let (rows, rest) = (bytes.len() as u64 / self.row_bytes, bytes.len() as u64 % self.row_bytes);
         if rest > 0 || rows > self.missing {
@@ -136,7 +138,7 @@ impl Rows {
     }
 }
 
-/// The format for a file name, by its extension.
+/// Returns the format for a file name, by its extension.
 pub fn format_of(path: &Path) -> Option<Format> {
     let extension = path.extension()?.to_str()?.to_ascii_lowercase();
     Some(match extension.as_str() {

@@ -1,4 +1,4 @@
-//! NumPy arrays: a short header, then the samples.
+//! Writer of NumPy arrays: a short header, then the samples.
 
 use std::io::Write;
 
@@ -14,7 +14,7 @@ pub(super) fn create(mut output: Output, spec: &ImageSpec) -> Result<Box<dyn Row
     raw::create(output, spec)
 }
 
-/// The header of an array of such a shape; values of several channels have one more dimension.
+/// The header of an array of this shape. Several channels add a dimension.
 pub(crate) fn array_header(value: ValueType, shape: &[u64]) -> Vec<u8> {
     let channels = (value.channels > 1).then_some(u64::from(value.channels));
     let shape = shape.iter().copied().chain(channels).collect();

@@ -1,4 +1,4 @@
-//! PNG.
+//! Writer of PNG.
 
 use std::cell::RefCell;
 use std::io::{self, Write};
@@ -15,10 +15,10 @@ struct Png {
     stream: StreamWriter<'static, Shared>,
     output: Shared,
     rows: Rows,
-    /// Bytes of a sample and of a pixel as they come in.
+    /// Bytes of a sample and of a pixel in the input.
     sample: usize,
     pixel: usize,
-    /// Colours and opacities that values become.
+    /// RGBA colours of the values, if the palette is expanded.
     colours: Option<[[u8; 4]; 256]>,
     opacity: Opacity,
     /// Pixels with opacity, big-endian.
@@ -28,19 +28,19 @@ struct Png {
 /// Representation of VOID.
 #[derive(Clone, Copy, PartialEq)]
 enum Opacity {
-    /// Nothing is VOID, or a palette entry says so.
+    /// Nothing is VOID, or a palette entry encodes it.
     None,
-    /// A channel that the values do not have.
+    /// An opacity channel that the values lack.
     Added,
-    /// The values' own last channel becomes 0.
+    /// The values' own last channel is set to 0.
     Own,
 }
 
-/// The output, which the encoder takes for itself and never gives back.
+/// The output, shared with the encoder, which takes ownership of its writer and never returns it.
 #[derive(Clone)]
 struct Shared {
     output: Rc<RefCell<Output>>,
-    /// The system's answer to a write that failed: the encoder keeps no more of it than its text.
+    /// The I/O error of a failed write. The encoder keeps only its message.
     failure: Rc<RefCell<Option<io::Error>>>,
 }
 
@@ -49,7 +49,7 @@ impl Shared {
         Shared { output: Rc::new(RefCell::new(output)), failure: Rc::default() }
     }
 
-    /// Remembers the answer, if it is a failure.
+    /// Keeps the error of a failed write.
     fn remember<T>(&self, answer: io::Result<T>) -> io::Result<T> {
         answer.map_err(|failure| {
             let kind = failure.kind();
@@ -106,7 +106,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
     };
     let palette =
         spec.metadata.palette.as_ref().filter(|_| depth == BitDepth::Eight && spec.value.channels == 1);
-    // Where no number is left for VOID, the colours themselves are written.
+    // If no number is free for VOID, the colours themselves are written.
     let (palette, colours) = match palette {
         Some(palette) if spec.void && void_entry(spec.metadata.nodata).is_none() => {
             (None, Some(colours(palette)))
@@ -146,7 +146,7 @@ pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWrit
     Ok(Box::new(Png { stream, output, rows, sample, pixel, colours, opacity, converted }))
 }
 
-/// Colours of all 256 values; black where the palette has none.
+/// Colours of all 256 values; opaque black where the palette has none.
 fn colours(palette: &Palette) -> [[u8; 4]; 256] {
     let mut colours = [[0, 0, 0, 255]; 256];
     for (entry, colour) in colours.iter_mut().zip(&palette.colours) {
@@ -155,13 +155,13 @@ fn colours(palette: &Palette) -> [[u8; 4]; 256] {
     colours
 }
 
-/// The palette's entry for VOID, if its number is one.
+/// The palette index for VOID, if its number is one.
 fn void_entry(nodata: Option<Number>) -> Option<usize> {
     nodata?.to_integer().filter(|number| (0..256).contains(number)).map(|index| index as usize)
 }
 
-/// The PLTE and tRNS chunks. All 256 entries, because an index beyond the palette would be an error in the
-/// file.
+/// The PLTE and tRNS chunks. All 256 entries are written, because an index beyond the palette is an
+/// error in a PNG file.
 fn palette_chunks(palette: &Palette, nodata: Option<Number>) -> (Vec<u8>, Vec<u8>) {
     let mut colours = colours(palette);
     if let Some(index) = void_entry(nodata) {
@@ -173,7 +173,7 @@ fn palette_chunks(palette: &Palette, nodata: Option<Number>) -> (Vec<u8>, Vec<u8
 }
 
 impl Png {
-    /// Fills `converted` with the pixels as PNG wants them.
+    /// Fills `converted` with the pixels in PNG's layout.
     fn convert(&mut self, bytes: &[u8], valid: Option<&[bool]>) {
         let Png { sample, pixel, colours, opacity, converted, .. } = self;
         converted.clear();

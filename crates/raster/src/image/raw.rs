@@ -1,4 +1,4 @@
-//! The samples and nothing else.
+//! Writer of raw samples.
 
 use std::io::Write;
 
@@ -6,7 +6,7 @@ use super::{ImageSpec, RowWriter, Rows};
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// Writes rows as they are, after whatever header is in the output already.
+/// Writes rows unchanged, after any header that is already in the output.
 pub(super) struct Raw {
     output: Output,
     rows: Rows,

@@ -1,4 +1,4 @@
-//! Output whose beginning is only known at the end.
+//! An output whose header is known only at the end.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -7,7 +7,7 @@ use std::path::Path;
 use spinney_base::io::Output;
 use spinney_base::{Error, Result};
 
-/// An output of which bytes can be overwritten. Standard output cannot go back, so what is meant for it waits
+/// An output whose bytes can be overwritten. Standard output cannot seek, so its content is spooled
 /// in an unnamed temporary file.
 pub(crate) struct Seekable {
     output: Output,

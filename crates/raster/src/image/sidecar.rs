@@ -1,4 +1,5 @@
-//! The sidecar of a picture: GDAL's file `.aux.xml` beside it, with what has no room in it.
+//! The sidecar of an image: GDAL's `.aux.xml` file next to it, for metadata that the image cannot
+//! hold.
 
 use std::io::Write as _;
 use std::path::Path;
@@ -9,9 +10,10 @@ use spinney_base::io::{FileAccess, sidecar_of};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Metadata;
 
-/// Writes what a GeoTIFF file cannot hold into a sidecar, as GDAL does: a coordinate system that no keys define, which is
-/// told, and the names of values. Where there is nothing to write, one of an earlier picture of that name is removed, and
-/// that is told, since programs would take what it says for that of the new picture.
+/// Writes metadata that a GeoTIFF file cannot hold into a sidecar, as GDAL does: the names of
+/// values, and a coordinate system that no keys define, with a warning. Without such metadata,
+/// removes the sidecar of an earlier image of that name, also with a warning: programs would apply
+/// it to the new image.
 ///
 /// # Errors
 /// If it cannot be written.

@@ -1,4 +1,4 @@
-//! (Geo)TIFF: compressed strips, and the directory after them, where everything is known.
+//! Writer of (Geo)TIFF: compressed strips, followed by the directory, which is known only then.
 
 use rayon::prelude::*;
 
@@ -10,16 +10,16 @@ use spinney_base::io::Output;
 use spinney_base::value::{Palette, SampleType};
 use spinney_base::{Error, Result};
 
-/// Bytes of a strip before compression, if a row is not longer.
+/// Uncompressed bytes per strip, unless a single row is longer.
 const STRIP_BYTES: u64 = 512 << 10;
 
-/// Size (before compression) from which on offsets may need more than 32 bits.
+/// Uncompressed size in bytes from which on offsets may need more than 32 bits.
 pub(crate) const BIG_BYTES: u64 = 3_900_000_000;
 
-/// Level 4: little larger than 6, in much less time.
+/// Level 4 is little larger than level 6, and much faster.
 const CODER: Coder = Coder::Deflate { level: 4 };
 
-/// Compression of masks, whatever that of samples is.
+/// Compression of masks, independent of that of samples.
 pub(crate) const MASK_CODER: Coder = Coder::Deflate { level: 6 };
 
 struct Tiff {
@@ -28,16 +28,16 @@ struct Tiff {
     big: bool,
     coding: Coding,
     rows_per_strip: u64,
-    /// Rows that wait for their strip to be complete, and a few complete strips.
+    /// Rows of an incomplete strip, and a few complete strips.
     waiting: Vec<u8>,
     offsets: Vec<u64>,
     sizes: Vec<u64>,
-    /// All tags but those of the strips.
+    /// All tags except those of the strips.
     tags: Vec<(u16, IfdField)>,
     mask: Option<MaskStrips>,
 }
 
-/// The mask of pixels that are not VOID: an image of its own, in strips of as many rows.
+/// The mask of valid pixels: an image of its own, with as many rows per strip.
 struct MaskStrips {
     width: usize,
     height: u64,
@@ -62,7 +62,7 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
     let has_labels = palette(spec).is_some();
     let coding = Coding::new(spec.value, row_bytes as usize, has_labels, CODER);
     let rows_per_strip = (STRIP_BYTES / row_bytes).clamp(1, spec.height);
-    // What has no file has no sidecar either.
+    // Without a file there is no sidecar either.
     let with_classes = !output.is_file();
     let mut tags = sample_tags(spec, &coding);
     tags.extend(descriptive_tags(spec, with_classes));
@@ -94,13 +94,13 @@ fn create_as(output: Output, spec: &ImageSpec, big: bool) -> Result<Box<dyn RowW
     }))
 }
 
-/// The palette, if TIFF can hold it for such values.
+/// The palette, if TIFF can hold it for values of this type.
 fn palette(spec: &ImageSpec) -> Option<&Palette> {
     let fits = spec.value.channels == 1 && matches!(spec.value.sample, SampleType::U8 | SampleType::U16);
     spec.metadata.palette.as_ref().filter(|palette| fits && !palette.colours.is_empty())
 }
 
-/// The tags that say what samples are, and how they are coded.
+/// The tags that describe the samples and their coding.
 pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdField)> {
     use IfdField::Short;
     let channels = usize::from(spec.value.channels);
@@ -143,7 +143,7 @@ pub(crate) fn sample_tags(spec: &ImageSpec, coding: &Coding) -> Vec<(u16, IfdFie
     tags
 }
 
-/// The tags that say where a picture lies and what is known of it.
+/// The tags with georeferencing and other metadata.
 pub(crate) fn descriptive_tags(spec: &ImageSpec, with_classes: bool) -> Vec<(u16, IfdField)> {
     let metadata = &spec.metadata;
     let mut tags = match &metadata.control_points {
@@ -156,7 +156,7 @@ pub(crate) fn descriptive_tags(spec: &ImageSpec, with_classes: bool) -> Vec<(u16
     tags
 }
 
-/// Tags of a mask: a bit per pixel, 1 where there is a value.
+/// The tags of a mask: a bit per pixel, 1 for valid pixels.
 pub(crate) fn mask_tags() -> Vec<(u16, IfdField)> {
     use IfdField::Short;
     vec![
@@ -169,7 +169,7 @@ pub(crate) fn mask_tags() -> Vec<(u16, IfdField)> {
     ]
 }
 
-/// Appends the rows of a mask: a bit per pixel, the first the highest of its byte, and rows that end with their byte.
+/// Appends rows of a mask: a bit per pixel, most significant bit first, rows padded to whole bytes.
 pub(crate) fn mask_rows(valid: &[bool], width: usize, rows: &mut Vec<u8>) {
     for row in valid.chunks_exact(width) {
         rows.extend(row.chunks(8).map(|flags| {
@@ -179,7 +179,7 @@ pub(crate) fn mask_rows(valid: &[bool], width: usize, rows: &mut Vec<u8>) {
     }
 }
 
-/// Offsets or sizes in the width of the file.
+/// Offsets or sizes in the word width of the file.
 fn words(numbers: Vec<u64>, big: bool) -> IfdField {
     match big {
         true => IfdField::Long8(numbers),
@@ -188,7 +188,7 @@ fn words(numbers: Vec<u64>, big: bool) -> IfdField {
 }
 
 impl Tiff {
-    /// Compresses and writes the waiting rows.
+    /// Compresses and writes the buffered rows.
     fn write_strips(&mut self) -> Result<()> {
         let strip = self.rows_per_strip as usize * self.coding.row_bytes;
         let coding = self.coding;
@@ -224,7 +224,7 @@ impl RowWriter for Tiff {
             self.waiting.extend_from_slice(now);
             rest = later;
             if let Some(mask) = &mut self.mask {
-                // (Only entire rows are split off.)
+                // Only whole rows are split off.
                 let pixels = now.len() / self.coding.row_bytes * mask.width;
                 match &mut valid {
                     Some(valid) => {
@@ -255,7 +255,7 @@ impl RowWriter for Tiff {
         match mask {
             None => output.append(&tiff_tags::directory(tags, at, 0, big))?,
             Some(mask) => {
-                // (The length does not depend on the offset of the next directory.)
+                // The length does not depend on the offset of the next directory.
                 let next = at + tiff_tags::directory(tags.clone(), at, 0, big).len() as u64;
                 output.append(&tiff_tags::directory(tags, at, next, big))?;
                 let mut tags = mask_tags();
@@ -292,7 +292,7 @@ mod tests {
         }
     }
 
-    /// Samples in file order as another reader understands them.
+    /// Samples in file order, as decoded by another library.
     fn decode(path: &std::path::Path) -> Vec<u8> {
         use tiff::decoder::DecodingResult::*;
         let file = std::io::BufReader::new(std::fs::File::open(path).unwrap());

@@ -1,4 +1,4 @@
-//! Samples as strips and tiles of TIFF files hold them: predicted, then compressed.
+//! Coding of TIFF strips and tiles: prediction, then compression.
 
 use std::io::Write;
 
@@ -8,7 +8,7 @@ use flate2::write::ZlibEncoder;
 use super::tiff_tags::tag_value;
 use spinney_base::value::ValueType;
 
-/// Compression of strips or tiles, without loss.
+/// Lossless compression of strips or tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Coder {
     Stored,
@@ -17,7 +17,7 @@ pub(crate) enum Coder {
 }
 
 impl Coder {
-    /// The number of the tag for compression.
+    /// Value of the compression tag.
     pub(crate) fn number(self) -> u16 {
         match self {
             Coder::Stored => tag_value::COMPRESSION_NONE,
@@ -26,7 +26,7 @@ impl Coder {
         }
     }
 
-    /// Bytes as they stand in the file.
+    /// Compresses bytes.
     pub(crate) fn compress(self, bytes: Vec<u8>) -> Vec<u8> {
         match self {
             Coder::Stored => bytes,
@@ -44,13 +44,13 @@ impl Coder {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Predictor {
     None = 1,
-    /// Samples become differences to their left neighbours.
+    /// Samples are replaced by differences to their left neighbours.
     Horizontal = 2,
-    /// Bytes of equal weight come together, then become differences.
+    /// Bytes of equal significance are grouped, then replaced by differences.
     Float = 3,
 }
 
-/// The way from rows of samples to a strip or tile.
+/// Coding of rows of samples into a strip or tile.
 #[derive(Clone, Copy)]
 pub(crate) struct Coding {
     pub(crate) coder: Coder,
@@ -61,8 +61,8 @@ pub(crate) struct Coding {
 }
 
 impl Coding {
-    /// Coding of rows of so many bytes. Where values are `labels`, differences of them mean nothing; and nothing is gained by
-    /// them without compression.
+    /// A coding for rows of `row_bytes` bytes. There is no prediction for `labels`, whose
+    /// differences mean nothing, or without compression.
     pub(crate) fn new(value: ValueType, row_bytes: usize, labels: bool, coder: Coder) -> Coding {
         let predictor = match value.sample {
             _ if labels || coder == Coder::Stored => Predictor::None,
@@ -78,7 +78,7 @@ impl Coding {
         }
     }
 
-    /// A strip or tile as it stands in the file.
+    /// Encodes a strip or tile.
     pub(crate) fn compress(&self, mut rows: Vec<u8>) -> Vec<u8> {
         if self.predictor != Predictor::None {
             rows.chunks_exact_mut(self.row_bytes).for_each(|row| self.predict(row));
@@ -91,8 +91,9 @@ impl Coding {
         match (self.predictor, self.sample) {
             (Predictor::None, _) => {}
             (Predictor::Float, _) => {
-                // Adobe's predictor 3 (TIFF Technical Note 3): all most significant bytes of the row first,
-                // and so on, then differences of bytes at a distance of one pixel.
+                // Adobe's predictor 3 (TIFF Technical Note 3): the most significant bytes of all
+                // samples in the row come first, and so on; then differences of bytes at a distance
+                // of one pixel.
                 let mut planes = vec![0; row.len()];
                 for (i, sample) in row.chunks_exact(self.sample).enumerate() {
                     for (weight, byte) in sample.iter().rev().enumerate() {
@@ -128,7 +129,8 @@ impl Coding {
     }
 }
 
-/// Subtracts from each byte the one `distance` before it, from the end, so that that one is still as it was.
+/// Subtracts from each byte the byte `distance` before it. Runs backwards, so that the subtrahend
+/// is still the original.
 fn differences(bytes: &mut [u8], distance: usize) {
     for i in (distance..bytes.len()).rev() {
         bytes[i] = bytes[i].wrapping_sub(bytes[i - distance]);

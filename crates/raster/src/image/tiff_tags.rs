@@ -1,4 +1,4 @@
-//! The container of TIFF: tags, directories, and the tags that georeference a picture.
+//! The TIFF container: tags, directories, and the tags that georeference an image.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use spinney_base::sort;
 use spinney_base::value::Number;
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
-/// Numbers of tags, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
+/// Tag numbers, by their names in TIFF 6.0, GeoTIFF 1.1 and GDAL.
 pub(crate) mod tag {
     pub(crate) const NEW_SUBFILE_TYPE: u16 = 254;
     pub(crate) const IMAGE_WIDTH: u16 = 256;
@@ -44,9 +44,9 @@ pub(crate) mod tag {
     pub(crate) const GDAL_NODATA: u16 = 42113;
 }
 
-/// Values of tags, by their names in TIFF 6.0 and its supplements.
+/// Tag values, by their names in TIFF 6.0 and its supplements.
 pub(crate) mod tag_value {
-    /// Bits of the kind of a picture in a file of several.
+    /// Bits of the image kind in a file of several images.
     pub(crate) const SUBFILE_REDUCED: u32 = 1;
     pub(crate) const SUBFILE_MASK: u32 = 4;
     pub(crate) const COMPRESSION_NONE: u16 = 1;
@@ -56,22 +56,22 @@ pub(crate) mod tag_value {
     pub(crate) const PHOTOMETRIC_RGB: u16 = 2;
     pub(crate) const PHOTOMETRIC_PALETTE: u16 = 3;
     pub(crate) const PHOTOMETRIC_MASK: u16 = 4;
-    /// A pixel's samples together.
+    /// Samples of a pixel are stored together.
     pub(crate) const PLANAR_CHUNKY: u16 = 1;
     pub(crate) const SAMPLE_UNSPECIFIED: u16 = 0;
-    /// Opacity that colours are not multiplied with.
+    /// Opacity that colours are not premultiplied with.
     pub(crate) const SAMPLE_UNASSOCIATED_ALPHA: u16 = 2;
     pub(crate) const FORMAT_UNSIGNED: u16 = 1;
     pub(crate) const FORMAT_SIGNED: u16 = 2;
     pub(crate) const FORMAT_FLOAT: u16 = 3;
 }
 
-/// The GeoKey for the raster type and its values, by their names in GeoTIFF 1.1.
+/// GeoKey of the raster type and its values, by their names in GeoTIFF 1.1.
 const RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_AREA: u16 = 1;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
 
-/// Types of a tag's numbers, by their names in TIFF 6.0 and BigTIFF.
+/// Field types, by their names in TIFF 6.0 and BigTIFF.
 mod field_type {
     pub(super) const ASCII: u16 = 2;
     pub(super) const SHORT: u16 = 3;
@@ -83,13 +83,14 @@ mod field_type {
 /// A tag's value.
 #[derive(Clone)]
 pub(crate) enum IfdField {
-    /// Without the NUL that ends it.
+    /// Without the terminating NUL.
     Ascii(Vec<u8>),
     Short(Vec<u16>),
     Long(Vec<u32>),
     Double(Vec<f64>),
     Long8(Vec<u64>),
-    /// Numbers that are written later, at this place; or in the directory itself, as zeros, if there is room for them.
+    /// Numbers that are written later, at offset `at`. If they fit, they are in the directory
+    /// itself, as zeros at first.
     Later {
         width: WordWidth,
         count: u64,
@@ -105,7 +106,7 @@ pub(crate) enum WordWidth {
 }
 
 impl IfdField {
-    /// The type's number, the count of its numbers and their bytes.
+    /// Returns the field type, the count of numbers, and their bytes.
     fn encode(&self) -> (u16, u64, Vec<u8>) {
         use field_type::{ASCII, DOUBLE, LONG, LONG8, SHORT};
         match self {
@@ -122,31 +123,32 @@ impl IfdField {
     }
 }
 
-/// The file's first bytes, and the position in them of the directory's offset, which is filled in at the end.
+/// Returns the file header and the position in it of the first directory's offset, which is filled
+/// in at the end.
 pub(crate) fn header(big: bool) -> (&'static [u8], u64) {
     if big { (b"II\x2b\0\x08\0\0\0\0\0\0\0\0\0\0\0", 8) } else { (b"II\x2a\0\0\0\0\0", 4) }
 }
 
-/// An offset or count in the width of the file.
+/// Encodes an offset or count in the word width of the file.
 pub(crate) fn word(number: u64, big: bool) -> Vec<u8> {
     let bytes = number.to_le_bytes();
     bytes[..if big { 8 } else { 4 }].to_vec()
 }
 
-/// Bytes of a directory's count of entries, and of an offset.
+/// Bytes of a directory's entry count, and of an offset.
 fn widths(big: bool) -> (usize, usize) {
     if big { (8, 8) } else { (2, 4) }
 }
 
-/// The place of the value of a tag, or of its offset, in a directory that stands at `at`.
+/// Returns the file offset of a tag's value field, in a directory at offset `at`.
 pub(crate) fn value_place(tags: &[(u16, IfdField)], wanted: u16, at: u64, big: bool) -> u64 {
     let before = tags.iter().filter(|(number, _)| *number < wanted).count();
     let (count_bytes, word_bytes) = widths(big);
     at + (count_bytes + before * (4 + 2 * word_bytes) + 4 + word_bytes) as u64
 }
 
-/// The bytes of a directory that will stand at `at`, and of the values that are too long for it. `next` is the place of
-/// the directory after it, or 0.
+/// Encodes a directory for offset `at`, followed by the values that do not fit its entries. `next`
+/// is the offset of the next directory, or 0.
 pub(crate) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, next: u64, big: bool) -> Vec<u8> {
     sort::by_key(&mut tags, |(number, _)| u64::from(*number));
     let (count_bytes, word_bytes) = widths(big);
@@ -168,7 +170,7 @@ pub(crate) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, next: u64, big:
             entries.extend(bytes);
         } else {
             entries.extend(word(values_at + values.len() as u64, big));
-            // Values start at even offsets; so does the directory.
+            // TIFF requires even offsets of values and directories.
             bytes.resize(bytes.len().next_multiple_of(2), 0);
             values.extend(bytes);
         }
@@ -178,13 +180,13 @@ pub(crate) fn directory(mut tags: Vec<(u16, IfdField)>, at: u64, next: u64, big:
     entries
 }
 
-/// GeoTIFF's tags.
+/// Returns the GeoTIFF tags of a frame.
 pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     let mut tags = geo_key_tags(frame);
     if frame.is_identity() {
         return tags;
     }
-    // Where samples are points, and a key says so, raster coordinates are those of the points.
+    // If samples are points, and a key states that, raster coordinates refer to the points.
     let has_keys = !tags.is_empty();
     let origin = if frame.pixel_is_point && has_keys { [0.5, 0.5, 0.0] } else { [0.0; 3] };
     let [a, b, c, d, e, f] = frame.shifted(origin).affine();
@@ -198,9 +200,9 @@ pub(super) fn geo_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
     tags
 }
 
-/// GeoTIFF's tags for ground control points: tie points without a scale.
+/// GeoTIFF tags of ground control points: tie points without a scale.
 pub(super) fn control_point_tags(points: &ControlPoints) -> Vec<(u16, IfdField)> {
-    // Pixels are spoken of by their corners, as those of areas are.
+    // Positions refer to pixel corners, as for pixels that are areas.
     let mut tags = geo_key_tags(&Frame { crs: points.crs.clone(), ..Frame::identity() });
     let tie_point = |point: &ControlPoint| {
         let ([column, row], [x, y, z]) = (point.cell, point.world);
@@ -210,19 +212,20 @@ pub(super) fn control_point_tags(points: &ControlPoints) -> Vec<(u16, IfdField)>
     tags
 }
 
-/// The keys that define a coordinate system: such as they came, for its numbers, or for its parts. `None` where keys cannot say
-/// it.
+/// Returns the keys that define a coordinate system: its original keys, its EPSG code, or its
+/// parameters. `None` if keys cannot express it.
 pub(crate) fn geo_keys(crs: &Crs) -> Option<GeoKeys> {
     crs.to_geo_keys().ok()
 }
 
-/// The tags that define the coordinate system, and say what pixels are.
+/// The tags that define the coordinate system and the raster type.
 fn geo_key_tags(frame: &Frame) -> Vec<(u16, IfdField)> {
-    // Without a system there are no keys at all: readers make a local system of the one for the raster type alone.
+    // Without a coordinate system no keys are written: readers would turn a lone raster type key
+    // into a local system.
     let Some(crs) = &frame.crs else { return Vec::new() };
     let raster_type = if frame.pixel_is_point { RASTER_PIXEL_IS_POINT } else { RASTER_PIXEL_IS_AREA };
     let Some(keys) = geo_keys(crs) else {
-        // The system stands beside the file, and is the one that counts.
+        // The sidecar has the coordinate system and takes precedence.
         let points = IfdField::Short(vec![1, 1, 0, 1, RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
         return if frame.pixel_is_point { vec![(tag::GEO_KEY_DIRECTORY, points)] } else { Vec::new() };
     };
@@ -244,7 +247,7 @@ pub(super) fn nodata_tag(number: Number) -> (u16, IfdField) {
     )
 }
 
-/// Tags that are texts, by the names that GDAL has for them.
+/// Text tags, by GDAL's names.
 pub(super) fn text_tags(texts: &BTreeMap<String, String>) -> Vec<(u16, IfdField)> {
     let tags = [
         (tag::DOCUMENT_NAME, "TIFFTAG_DOCUMENTNAME"),
@@ -291,7 +294,7 @@ mod tests {
     fn keys_without_a_system() {
         let mut frame = Frame::planar([1.0, 0.0, 7.5, 0.0, -1.0, 47.5]);
         frame.pixel_is_point = true;
-        // Nothing tells that these are points: their places are told as those of areas.
+        // No key states that these are points, so positions are written as those of areas.
         assert_eq!(find(&geo_tags(&frame), 34735), None);
         assert_eq!(find(&geo_tags(&frame), 33922), Some(vec![0.0, 0.0, 0.0, 7.5, 47.5, 0.0]));
         frame.crs = Some(Crs::Wkt("LOCAL_CS[\"site\",UNIT[\"metre\",1]]".into()));

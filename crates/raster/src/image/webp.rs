@@ -1,4 +1,4 @@
-//! WebP, without loss: what is painted, or samples of `u8` that are colours.
+//! Writer of lossless WebP: painted images, or `u8` samples that are colours.
 
 use std::io::Write as _;
 
@@ -10,7 +10,7 @@ use spinney_base::io::Output;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// A picture that is encoded when it is whole, as the format wants it.
+/// An image that is collected as a whole, since the encoder needs all of it.
 struct Webp {
     output: Output,
     rows: Rows,
@@ -19,7 +19,7 @@ struct Webp {
     pixels: Vec<u8>,
 }
 
-/// Columns or rows that a picture has at most.
+/// Maximum number of columns or rows.
 const LONGEST: u64 = 1 << 14;
 
 pub(super) fn create(output: Output, spec: &ImageSpec) -> Result<Box<dyn RowWriter>> {

@@ -1,4 +1,4 @@
-//! Choosing channels of a raster.
+//! Selection of a raster's channels.
 
 use std::convert::Infallible;
 use std::fmt::{self, Display};
@@ -12,13 +12,13 @@ use spinney_base::value::{DataKind, Number, Palette, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{ScopedTags, TagScope};
 
-/// A channel that is asked for.
+/// A requested channel.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Band {
-    /// By its number, from 1.
+    /// By number, from 1.
     Number(usize),
-    /// By its name: the whole one, or what stands before a comma in it.
+    /// By name: the whole name, or its section before a comma.
     Name(String),
 }
 
@@ -45,10 +45,10 @@ impl Display for Band {
     }
 }
 
-/// What a channel has of its own, in files whose channels differ in it.
+/// Properties of a single channel, in files whose channels differ in them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BandInfo {
-    /// Type of its samples, when it is chosen alone.
+    /// Type of its samples if it is selected alone.
     pub sample: SampleType,
     /// The number that marks missing samples.
     pub nodata: Option<Number>,
@@ -59,7 +59,7 @@ pub struct BandInfo {
 }
 
 impl RasterInfo {
-    /// What each channel has of its own, to be changed for some.
+    /// The properties of each channel, for modification.
     pub(super) fn bands_mut(&mut self) -> &mut [BandInfo] {
         if self.bands.is_empty() {
             let alike = BandInfo {
@@ -76,7 +76,7 @@ impl RasterInfo {
         &mut self.bands
     }
 
-    /// The channel that is asked for, from 0.
+    /// Finds a requested channel; returns its index from 0.
     ///
     /// # Errors
     /// If there is none, or several have this name.
@@ -101,7 +101,7 @@ impl RasterInfo {
         }
     }
 
-    /// The bands there are, by number and name, as far as a message has room for them.
+    /// Lists the bands by number and name, as many as fit a message.
     fn listed_bands(&self) -> String {
         const LISTED: usize = 16;
         let name = |(i, name): (usize, &String)| match name.as_str() {
@@ -115,16 +115,16 @@ impl RasterInfo {
         bands.join(", ")
     }
 
-    /// All that is known of some channels, in this order.
+    /// The properties of some channels, in this order.
     ///
-    /// Opacity that is not chosen is left out.
+    /// Opacity that is not among them is dropped.
     pub(super) fn of_channels(&self, chosen: &[usize]) -> RasterInfo {
         if chosen.iter().copied().eq(0..self.channels) {
             return self.clone();
         }
         let place = |channel: usize| chosen.iter().position(|other| *other == channel);
         let class_channel = place(self.class_channel);
-        // (Channels may be many: what others have is not copied.)
+        // There may be many channels, so properties of the others are not copied.
         let mut info = RasterInfo {
             width: self.width,
             height: self.height,
@@ -156,8 +156,8 @@ impl RasterInfo {
         info
     }
 
-    /// Takes what channels have of their own as what the raster has, as far as there is room for it: a type that holds all
-    /// samples, the first nodata number, the first names; colours of one channel alone.
+    /// Derives raster properties from those of the channels: a type that holds all samples, the
+    /// first nodata number, the first names of values, and the palette of a single channel.
     pub(super) fn take_from_bands(&mut self) {
         if self.bands.is_empty() {
             return;
@@ -172,18 +172,18 @@ impl RasterInfo {
         }
         if let [band] = &self.bands[..] {
             self.palette = band.palette.clone();
-            // Colours are for classes.
+            // Palettes are for classes.
             self.kind = self.palette.as_ref().map(|_| DataKind::Categorical).or(self.kind);
         }
     }
 }
 
-/// What stands before a comma in the name of a band: "B4" of "B4, central wavelength 665 nm".
+/// The section before a comma in a band name: "B4" of "B4, central wavelength 665 nm".
 pub(super) fn short_name(name: &str) -> &str {
     name.split(',').next().unwrap_or_default().trim()
 }
 
-/// The least type that holds the samples of all these types, without a loss.
+/// The smallest type that holds the samples of all these types without loss.
 pub(super) fn common_type(types: impl Iterator<Item = SampleType>) -> SampleType {
     use SampleType::{F32, F64, I8, I16, I32, I64, U8, U16, U32, U64};
     let holds = |wide: SampleType, narrow: SampleType| {
@@ -206,22 +206,22 @@ pub(super) fn common_type(types: impl Iterator<Item = SampleType>) -> SampleType
     types.reduce(join).unwrap_or(U8)
 }
 
-/// Some channels of a raster.
+/// A raster with some channels of another one.
 struct Bands {
     raster: Box<dyn Raster>,
     /// Channels of the raster, from 0.
     chosen: Vec<usize>,
     info: RasterInfo,
-    /// Samples of all channels from the last read.
+    /// Samples of all channels in the last read.
     all: Vec<u8>,
 }
 
-/// The raster of the chosen bands, in this order.
+/// Selects bands of a raster, in this order.
 ///
-/// Opacity that is not chosen is left out: pixels that are VOID by it become ordinary ones.
+/// Opacity that is not selected is dropped: pixels that are VOID by it become ordinary ones.
 ///
 /// # Errors
-/// If there is no such band, or none is chosen.
+/// If there is no such band, or none is selected.
 pub fn select(raster: Box<dyn Raster>, bands: &[Band]) -> Result<Box<dyn Raster>> {
     let info = raster.info();
     if bands.is_empty() {
@@ -233,12 +233,12 @@ pub fn select(raster: Box<dyn Raster>, bands: &[Band]) -> Result<Box<dyn Raster>
     Ok(select_channels(raster, &chosen))
 }
 
-/// The raster of channels that it has, which count from 0.
+/// Selects existing channels of a raster, by index from 0.
 pub(super) fn select_channels(mut raster: Box<dyn Raster>, chosen: &[usize]) -> Box<dyn Raster> {
     if chosen.iter().copied().eq(0..raster.info().channels) || raster.choose(chosen) {
         return raster;
     }
-    // Those that are not wanted are not read, where that can be had: what is chosen twice is read once.
+    // Avoid reading the other channels if the format allows it. Repeated channels are read once.
     let mut once = Vec::new();
     chosen.iter().for_each(|channel| {
         if !once.contains(channel) {
@@ -251,17 +251,17 @@ pub(super) fn select_channels(mut raster: Box<dyn Raster>, chosen: &[usize]) -> 
             *channel = once.iter().position(|other| other == channel).unwrap_or_default();
         });
     }
-    // (All are read in the type that they have in common.)
+    // All channels are read in their common type.
     let info = RasterInfo { sample: raster.info().sample, ..raster.info().of_channels(&chosen) };
     Box::new(Bands { raster, chosen, info, all: Vec::new() })
 }
 
-/// The items of the chosen channels; nothing if there is not one per channel.
+/// The items of the selected channels; empty if there is not one item per channel.
 fn pick<T: Clone>(items: &[T], chosen: &[usize]) -> Vec<T> {
     chosen.iter().filter_map(|channel| items.get(*channel).cloned()).collect()
 }
 
-/// The tags of the picture and of the chosen channels.
+/// The tags of the image and of the selected channels.
 fn pick_tags(tags: &ScopedTags, chosen: &[usize]) -> ScopedTags {
     let of = |channel: Option<u16>| {
         let first = TagScope { channel, domain: String::new() };
@@ -277,10 +277,10 @@ fn pick_tags(tags: &ScopedTags, chosen: &[usize]) -> ScopedTags {
     picked
 }
 
-/// The type that a tree of all of a raster's channels has.
+/// Returns the value type of a tree with all channels of a raster.
 ///
 /// # Errors
-/// If trees cannot have such values; the message says which bands there are to choose from.
+/// If trees do not support such values; the message lists the available bands.
 pub fn value_type(path: &Path, info: &RasterInfo) -> Result<ValueType> {
     let channels = u8::try_from(info.channels).unwrap_or(u8::MAX);
     let value = ValueType::new(info.sample, channels);
@@ -309,7 +309,7 @@ impl Raster for Bands {
     }
 
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
-        // The caller's buffer for what is left, our own for all channels.
+        // All channels are read to `self.all`, the selected ones copied to the caller's buffer.
         std::mem::swap(&mut pixels.bytes, &mut self.all);
         let result = self.raster.read(region, pixels);
         std::mem::swap(&mut pixels.bytes, &mut self.all);

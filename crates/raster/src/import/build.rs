@@ -1,4 +1,4 @@
-//! Building of the tree of an import.
+//! Building of an import's tree.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -17,14 +17,14 @@ use spinney_engine::ops::{Resampling, TreeFile, WarpGrid, WarpOptions, Warped, g
 use spinney_engine::store::{Packing, TreeWriter, WantedCells, depth_for};
 
 impl RasterImport {
-    /// Builds the tree, on the threads of the current rayon pool; progress counts pixels.
+    /// Builds the tree on the threads of the current rayon pool; progress counts pixels.
     ///
-    /// A picture that comes from the top down and is too wide for the memory goes to a temporary file in the
-    /// output's folder first.
+    /// An image that can only be read from the top down is first copied to a temporary file in the
+    /// output's directory, if its rows exceed the memory.
     ///
     /// # Errors
-    /// If the input cannot be read or the output not be written, or on interruption; nothing is left behind
-    /// then.
+    /// If the input cannot be read, the output cannot be written, or on cancellation. Nothing is
+    /// left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         check_tree_name(output.path())?;
         self.options.packing.check_output(output.path())?;
@@ -34,7 +34,8 @@ impl RasterImport {
         file.finish()
     }
 
-    /// Writes the tree as the next layer of a file, or what is asked for of it; temporary files are made in a folder.
+    /// Writes the tree, or the requested range of it, as the next layer of a file. Temporary files
+    /// are created in the directory `beside`.
     ///
     /// # Errors
     /// Those of [`RasterImport::build`].
@@ -53,11 +54,12 @@ impl RasterImport {
         file.slabs(form, &mut slabs, nodata, &self.options, progress)
     }
 
-    /// Builds the tree on another grid than the picture's own. The tree of the picture itself goes to a temporary file in the
-    /// output's folder first, so that it may come in any order.
+    /// Builds the tree on another grid. The tree on the image's own grid is first built in a
+    /// temporary file in the output's directory, so that it can be read in any order.
     ///
     /// # Errors
-    /// Those of [`RasterImport::build`]; also if the picture's coordinate system is not known or cannot be computed.
+    /// Those of [`RasterImport::build`]; also if the image has no coordinate system or it is not
+    /// supported.
     pub fn build_warped(
         mut self,
         target: &TargetGrid,
@@ -68,7 +70,7 @@ impl RasterImport {
         let info = self.raster.info();
         let (cells, extent) = (info.width * info.height, [info.width, info.height, 1]);
         let how = self.options.clone().memory(self.memory / 4);
-        // Before anything is done: whether there is such a grid.
+        // Fail early if there is no such grid.
         check_tree_name(output.path())?;
         let frame = self.options.metadata.frame.clone();
         let grid = match target {
@@ -86,7 +88,7 @@ impl RasterImport {
         let temporary = tempfile::Builder::new().prefix(".spinney-").tempdir_in(near);
         let temporary = temporary.map_err(Error::io(near, "make a temporary folder in"))?;
         let native = temporary.path().join("native.goblin");
-        // (What is written for a while is neither packed nor rounded.)
+        // The temporary tree is neither packed nor rounded.
         (self.options.share, self.options.packing) = (false, Packing::default());
         let access = output.access().clone();
         self.build(access.create(&native)?, &SubProgress::new(progress, cells, 2 * cells))?;
@@ -98,26 +100,27 @@ impl RasterImport {
     }
 }
 
-/// Bytes of memory for reading a raster: for bands of rows, if it comes in these, and for slabs.
+/// Memory budget in bytes for reading a raster: for bands of rows, if it is read in these, and for
+/// slabs.
 #[derive(Clone, Copy)]
 pub(super) struct Room {
     pub(super) bands: u64,
     pub(super) slabs: u64,
 }
 
-/// Cells that a file asks for of a raster.
+/// Cells of a raster that a file requests.
 #[derive(Clone, Copy)]
 pub(super) enum Asked {
-    /// None: the raster is only told of.
+    /// None: only properties of the raster are needed.
     Nothing,
     /// All, in any order.
     All,
-    /// Those of a run, in the order of FD codes.
+    /// The cells of a run, in FD order.
     Run(WantedCells),
 }
 
 impl Asked {
-    /// Cells that a file asks for as its next layer, of so many levels.
+    /// The cells that a file requests for its next layer, whose tree has this depth.
     pub(super) fn by(file: &TreeWriter, depth: u8) -> Asked {
         match file.run() {
             None => Asked::Nothing,
@@ -129,8 +132,9 @@ impl Asked {
     }
 }
 
-/// The cells that are asked for of a raster with values of so many bytes. One that comes from the top down goes to a temporary file in a folder first if
-/// that takes too much memory, or if another order is asked for.
+/// Yields the requested cells of a raster with values of `value_size` bytes. A raster that can only
+/// be read from the top down is first copied to a temporary file in a directory, if it takes too
+/// much memory or another order is requested.
 pub(super) fn slabs_for(
     asked: Asked,
     raster: Box<dyn Raster>,
@@ -156,35 +160,35 @@ pub(super) fn slabs_for(
     })
 }
 
-/// A grid that pictures are warped to.
+/// A grid that images are warped to.
 #[derive(Clone, Debug)]
 pub enum TargetGrid {
-    /// That of web maps, down to the tiles of a zoom: see [`WarpGrid::web_mercator`].
+    /// The grid of web maps, down to the tiles of a zoom: see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
-    /// Any other.
+    /// Any other grid.
     Cells(Box<WarpGrid>),
-    /// The cells of another tree, over its extent and the raster's.
+    /// The cells of another tree, over the union of its extent and the raster's.
     Like(Box<WarpGrid>),
 }
 
-/// Properties of a tree that was built on another grid than the picture's own.
+/// Properties of a tree that was built on another grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WarpedBuilt {
-    /// Levels of the tree below its root.
+    /// Depth of the tree.
     pub depth: u8,
-    /// The way cells got their values.
+    /// Resampling method.
     pub resampling: Resampling,
 }
 
-/// Bytes that building from bands of rows takes: two bands, and the parts of the tree along the width that
+/// Bytes that building from bands of rows takes: two bands, and the subtrees along the width that
 /// wait for the rows below them.
 ///
-/// Of each block no more than 4096 records wait. A row of blocks waits at the lowest level, two rows merged
-/// at the next one, and so on: above the second level segments have been cut off, so that each level up has a
-/// quarter of the records. Together that is at most four rows of blocks.
+/// At most 4096 records wait per block. One row of blocks waits at the lowest level, two merged
+/// rows at the next level, and so on. Above the second level segments have been cut off, so each
+/// further level has a quarter of the records. Together that is at most four rows of blocks.
 pub(super) fn bands_memory(info: &RasterInfo, value_size: usize) -> u64 {
     const WAITING: u64 = 4 * 4096;
-    // Four values, states and a link.
+    // Four values, their states and a link.
     let record = 4 * value_size as u64 + 4;
     let band = info.width * BLOCK * (info.pixel_bytes() as u64 + 1);
     2 * band + info.width.div_ceil(BLOCK) * WAITING * record

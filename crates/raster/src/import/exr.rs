@@ -1,4 +1,4 @@
-//! OpenEXR, block by block.
+//! Reader of OpenEXR, block by block.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -18,11 +18,11 @@ use spinney_base::space::Region;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// Channels that belong together: of one part of the file and with one prefix.
+/// Channels that belong together: of one part of the file, with one prefix.
 struct Layer {
     name: String,
     header: usize,
-    /// Name after the prefix, and index among the part's channels.
+    /// Name after the prefix, and index in the part's channel list.
     channels: Vec<(String, usize)>,
 }
 
@@ -31,15 +31,15 @@ struct Exr {
     info: RasterInfo,
     file: BufReader<InputFile>,
     meta: MetaData,
-    /// The part of the file that is read.
+    /// Index of the part that is read.
     header: usize,
-    /// Per channel that is read: its index among the part's channels and its type.
+    /// Per channel that is read: its index in the part's channel list, and its type.
     channels: Vec<(usize, ExrType)>,
-    /// Offset of the part's table of block offsets in the file.
+    /// File offset of the part's block offset table.
     table: u64,
     /// Width and height of a block.
     block: [u64; 2],
-    /// Decoded blocks, the last used one at the end.
+    /// Decoded blocks, the most recently used last.
     cache: VecDeque<(u64, Vec<u8>)>,
     cache_bytes: u64,
     cache_limit: u64,
@@ -95,7 +95,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     }))
 }
 
-/// All layers, those without a prefix first in each part.
+/// All layers; in each part those without a prefix come first.
 fn layers(headers: &[Header]) -> Vec<Layer> {
     let mut layers: Vec<Layer> = Vec::new();
     for (number, header) in headers.iter().enumerate() {
@@ -122,7 +122,7 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
     layers
 }
 
-/// The layer that is wanted, else the first, with a remark on the others if nobody chose.
+/// Returns the requested layer, or by default the first one, with a remark on the others.
 fn choose_layer(path: &Path, headers: &[Header], wanted: Option<&str>) -> Result<(Layer, Option<String>)> {
     let mut layers = layers(headers);
     let names = layers.iter().map(|layer| format!("`{}`", layer.name)).collect::<Vec<_>>().join(", ");
@@ -161,8 +161,8 @@ fn check_supported(path: &Path, header: &Header) -> Result<()> {
     Ok(())
 }
 
-/// The channels to read: colours if there are, else luminance, else all in order of their names; each as its
-/// index in the layer and in the part.
+/// Selects the channels to read: RGB if available, otherwise luminance, otherwise all in
+/// alphabetical order. Each is returned as its index in the layer and in the part.
 fn choose_channels(path: &Path, header: &Header, layer: &Layer) -> Result<(SampleType, Vec<(usize, usize)>)> {
     let index_of = |wanted: &str| layer.channels.iter().position(|(name, _)| name == wanted);
     let colours = ["R", "G", "B"].map(index_of);
@@ -235,7 +235,7 @@ fn tags(header: &Header, layer: &str) -> BTreeMap<String, String> {
 }
 
 impl Exr {
-    /// Moves a decoded block to the end of the cache.
+    /// Moves a block to the end of the cache; decodes it if necessary.
     fn load(&mut self, index: u64) -> Result<()> {
         if let Some(at) = self.cache.iter().position(|&(number, _)| number == index) {
             let block = self.cache.remove(at);
@@ -252,7 +252,8 @@ impl Exr {
         Ok(())
     }
 
-    /// Decodes a block of the full resolution, which come first in the table, row after row.
+    /// Decodes a block of the full resolution. The blocks of this resolution come first in the
+    /// table, row by row.
     fn decode(&mut self, index: u64) -> Result<Vec<u8>> {
         let place = format!("EXR block {index}");
         let wrong = |found: String, expected| Error::corrupt(&self.path, &place, found, expected);
@@ -293,7 +294,7 @@ impl Exr {
         Ok(block.data)
     }
 
-    /// Columns of the block that starts at column `x`; those at the right edge may be cut.
+    /// Columns of the block that starts at column `x`; fewer at the right edge.
     fn block_columns(&self, x: u64) -> u64 {
         self.block[0].min(self.info.width - x)
     }
@@ -307,7 +308,8 @@ impl Exr {
         self.meta.headers[self.header].channels.bytes_per_pixel as u64
     }
 
-    /// Copies the part of a decoded block that lies in `region` to `out`, the region's pixels.
+    /// Copies the intersection of a decoded block and `region` to `out`, which has the region's
+    /// pixels.
     fn copy(&self, block: &[u8], corner: [u64; 2], region: Region, out: &mut [u8]) {
         let columns = self.block_columns(corner[0]);
         let area = Region::new(corner[0], corner[1], columns, self.block_rows(corner[1]));
@@ -318,7 +320,7 @@ impl Exr {
             let line = &block[((y - area.y) * columns * self.pixel_bytes()) as usize..];
             let out_row = &mut out[((y - region.y) * region.width + part.x - region.x) as usize * pixel..];
             for (index, &(number, sample)) in self.channels.iter().enumerate() {
-                // In a line of a block, each channel's samples stand together.
+                // In a line of a block, the samples of each channel are contiguous.
                 let before: usize = list[..number].iter().map(|c| c.sample_type.bytes_per_sample()).sum();
                 let size = sample.bytes_per_sample();
                 let start = before * columns as usize + (part.x - area.x) as usize * size;
@@ -330,8 +332,8 @@ impl Exr {
     }
 }
 
-/// Copies samples, which the decoder leaves in the machine's byte order, as little-endian f32 or u32.
-#[allow(clippy::host_endian_bytes)] // the decoder's interface is in the machine's order
+/// Copies samples, which the decoder returns in native byte order, as little-endian f32 or u32.
+#[allow(clippy::host_endian_bytes)] // the decoder's interface is in native byte order
 fn copy_samples<'a>(samples: &[u8], sample: ExrType, targets: impl Iterator<Item = &'a mut [u8]>) {
     if sample == ExrType::F16 {
         for (target, &bytes) in targets.zip(samples.as_chunks::<2>().0) {

@@ -6,7 +6,7 @@ use super::{Order, Pixels, Raster, RasterInfo};
 use spinney_base::Result;
 use spinney_base::space::Region;
 
-/// A raster in memory that insists on the order it announces.
+/// A raster in memory that enforces its declared order.
 pub(super) struct Fake {
     info: RasterInfo,
     bytes: Vec<u8>,

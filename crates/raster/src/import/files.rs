@@ -1,4 +1,4 @@
-//! The files that reading a raster looks at.
+//! Lists the files that reading a raster may access.
 
 use std::path::{Path, PathBuf};
 
@@ -6,8 +6,8 @@ use super::{RasterOptions, first_bytes, mask_file, vrt, worldfile};
 use spinney_base::Result;
 use spinney_base::io::{beside, sidecar_of};
 
-/// All files that are looked at when a raster is read, whether they are there or not: the file, those that may stand beside it, and, of a
-/// virtual raster, those of its sources.
+/// Returns all files that reading a raster may access, whether they exist or not: the file, its
+/// possible sidecars, and the same for the sources of a virtual raster.
 ///
 /// # Errors
 /// If the file, or a source, cannot be read.

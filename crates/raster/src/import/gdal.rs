@@ -1,15 +1,16 @@
-//! GDAL's descriptions of a raster in XML: in the TIFF tag GDAL_METADATA, and in parts that sidecars have as well.
+//! GDAL's XML descriptions of a raster: the TIFF tag GDAL_METADATA, and elements that sidecars have
+//! as well.
 
 use super::RasterInfo;
 use super::xml::{XmlElement, unescaped};
 use spinney_base::value::{Number, SampleType};
 use spinney_container::TagScope;
 
-/// Domains that are about the file or the place of its pixels in it, and would be wrong of what is made of them.
+/// Domains about the file or its pixel positions, which do not apply to derived data.
 const DOMAINS_OF_THE_FILE: [&str; 5] =
     ["IMAGE_STRUCTURE", "SUBDATASETS", "DERIVED_SUBDATASETS", "RPC", "GEOLOCATION"];
 
-/// The number that marks missing samples, as GDAL writes it.
+/// Parses the nodata number as GDAL writes it.
 pub(super) fn nodata(text: &str, sample: SampleType) -> Option<Number> {
     let text = text.trim().to_lowercase();
     // Microsoft's C library writes 1.#INF and -1.#IND.
@@ -17,11 +18,11 @@ pub(super) fn nodata(text: &str, sample: SampleType) -> Option<Number> {
         "1.#inf" | "+1.#inf" => f64::INFINITY.into(),
         "-1.#inf" => f64::NEG_INFINITY.into(),
         _ if text.contains("nan") || text.contains(".#") => Number::NAN,
-        // As C would, take what is a number at the start: it is no longer than the text of any number.
+        // As in C, parse the longest number at the start; 400 characters hold any number.
         _ => (1..=text.len().min(400)).rev().find_map(|end| text.get(..end)?.trim().parse().ok())?,
     };
     Some(match sample {
-        // Decimals that are meant for the largest f32 must not become infinite.
+        // Decimals that approximate the maximum f32 must not become infinite.
         SampleType::F32 if number.is_finite() => {
             (number.to_f64().clamp(f32::MIN.into(), f32::MAX.into()) as f32).into()
         }
@@ -29,7 +30,7 @@ pub(super) fn nodata(text: &str, sample: SampleType) -> Option<Number> {
     })
 }
 
-/// Takes over what the tag GDAL_METADATA says.
+/// Applies the tag GDAL_METADATA.
 pub(super) fn apply(text: &str, info: &mut RasterInfo) {
     for root in XmlElement::document(text).named("GDALMetadata") {
         for element in root.children() {
@@ -61,7 +62,7 @@ fn apply_item(item: &XmlElement<'_>, info: &mut RasterInfo) {
     }
 }
 
-/// Takes over the role of a channel, which is opacity or is not.
+/// Sets the role of a channel, and whether it is opacity.
 pub(super) fn set_colour_role(info: &mut RasterInfo, channel: usize, role: String) {
     match role.as_str() {
         "Alpha" => info.alpha = Some(channel),
@@ -71,13 +72,13 @@ pub(super) fn set_colour_role(info: &mut RasterInfo, channel: usize, role: Strin
     info.colour_roles[channel] = role;
 }
 
-/// Sets a number to that of a text, if it is one.
+/// Parses a number; keeps the old one on failure.
 pub(super) fn set_number(number: &mut f64, text: &str) {
     *number = text.trim().parse().unwrap_or(*number);
 }
 
-/// Keeps an item of metadata of the picture or a channel. Statistics are not kept: they would be wrong of a part, and
-/// trees know their own.
+/// Stores a metadata item of the image or a channel. Statistics are dropped: they would be wrong
+/// for a region, and trees have their own.
 pub(super) fn put_tag(
     info: &mut RasterInfo,
     channel: Option<usize>,
@@ -96,26 +97,27 @@ pub(super) fn put_tag(
     }
 }
 
-/// Takes the names of a channel's values, if there are any and no channel before has some.
+/// Stores the names of a channel's values, unless they are empty or an earlier channel has names.
 pub(super) fn take_class_names(info: &mut RasterInfo, channel: usize, names: Vec<(Number, String)>) {
     if !names.is_empty() && (info.class_names.is_empty() || info.class_channel >= channel) {
         (info.class_names, info.class_channel) = (names, channel);
     }
 }
 
-/// Names of values from a raster attribute table: its columns for the value (or smallest value) and name.
+/// Names of values from a raster attribute table: its columns for the value (or minimum) and the
+/// name.
 pub(super) fn class_names(table: &XmlElement<'_>) -> Vec<(Number, String)> {
     let usages: Vec<_> = table
         .named("FieldDefn")
         .map(|field| field.named("Usage").next().map_or(String::new(), |usage| usage.text()))
         .collect();
     let column = |wanted: &[&str]| usages.iter().position(|usage| wanted.contains(&usage.trim()));
-    // GDAL's numbers: 2 is Name, 3 is Min, 5 is MinMax.
+    // GDAL's codes: 2 is Name, 3 is Min, 5 is MinMax.
     let (Some(value), Some(name)) = (column(&["5", "3"]), column(&["2"])) else { return Vec::new() };
     let row = |row: XmlElement<'_>| {
         let fields: Vec<_> = row.named("F").collect();
         let number: Number = fields.get(value)?.text().trim().parse().ok()?;
-        // (Tables of floating numbers may have classes that are none.)
+        // Floating-point tables may have values that are not integers.
         let number = if number.to_integer().is_some() { number } else { (number.to_f64() as i64).into() };
         Some((number, fields.get(name)?.text()))
     };

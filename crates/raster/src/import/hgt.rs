@@ -1,4 +1,4 @@
-//! SRTM elevation tiles: bare big-endian i16 samples, placed by the file's name.
+//! SRTM elevation tiles: raw big-endian i16 samples, georeferenced by the file name.
 
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -10,8 +10,8 @@ use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// Columns and rows of files of one degree: steps of 3, 1, 1/2 and 1/4 seconds, and those of twice or three times as much along parallels, as far from
-/// the equator. Each has its own number of bytes.
+/// Columns and rows of one-degree files, with spacings of 1, 3, 1/2 and 1/4 arc seconds; at high
+/// latitudes also 2 or 3 arc seconds along parallels. Each size has a distinct number of bytes.
 const SIZES: [[u64; 2]; 6] =
     [[3601, 3601], [1201, 1201], [1801, 3601], [1201, 3601], [7201, 7201], [14401, 14401]];
 
@@ -35,8 +35,8 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         Error::unsupported(path, "an .hgt file whose name does not say where it lies", advice)
     })?;
 
-    // Samples are points on a grid that includes both edges of the degree; the first pixel's area reaches
-    // half a step beyond it.
+    // Samples are points on a grid that includes both edges of the degree. The first pixel's area
+    // extends half a pixel beyond it.
     let [step_x, step_y] = [width, height].map(|samples| 1.0 / (samples - 1) as f64);
     let mut frame =
         Frame::planar([step_x, 0.0, west - step_x / 2.0, 0.0, -step_y, south + 1.0 + step_y / 2.0]);
@@ -52,7 +52,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     Ok(Box::new(Hgt { path: path.to_path_buf(), file, info }))
 }
 
-/// West and south edge in degrees from a name that starts like `N46E008`.
+/// West and south edge in degrees, from a name that starts like `N46E008`.
 fn corner(name: &str) -> Option<[f64; 2]> {
     let degrees = |at: std::ops::Range<usize>, limit: i32, negative: u8, positive: u8| {
         let digits = name.get(at.start + 1..at.end)?;

@@ -10,7 +10,7 @@ use spinney_base::{Error, Result};
 use spinney_crs::Frame;
 
 impl RasterInfo {
-    /// A raster about which nothing more is known.
+    /// A raster without further properties.
     pub(crate) fn plain(size: [u64; 2], sample: SampleType, channels: usize) -> RasterInfo {
         RasterInfo {
             width: size[0],
@@ -41,7 +41,7 @@ impl RasterInfo {
         }
     }
 
-    /// The same of a picture in colour: its channels are red, green and blue, if there are three, and opacity.
+    /// Assigns colour roles: red, green and blue if there are three channels, and opacity.
     pub(super) fn in_colour(mut self) -> RasterInfo {
         if self.channels >= 3 {
             let role = |channel| match channel {
@@ -54,7 +54,7 @@ impl RasterInfo {
         self
     }
 
-    /// Bytes of one pixel as [`super::Raster::read`] gives it.
+    /// Bytes of one pixel as returned by [`super::Raster::read`].
     pub(super) fn pixel_bytes(&self) -> usize {
         self.sample.size() * self.channels
     }
@@ -70,7 +70,7 @@ impl RasterInfo {
 }
 
 impl RasterOptions {
-    /// Fails if `needed` bytes for `what` are more than allowed.
+    /// Fails if `needed` bytes for `what` exceed the memory budget.
     pub(crate) fn check_memory(&self, path: &Path, what: &str, needed: u64) -> Result<()> {
         if needed <= self.memory {
             return Ok(());

@@ -1,4 +1,4 @@
-//! JPEG, decoded as a whole.
+//! Reader of JPEG, decoded as a whole.
 
 use std::io::Read;
 use std::path::Path;
@@ -38,7 +38,8 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     })
 }
 
-/// Runs `then` with a JPEG file's bytes and a decoder that knows its headers and gives grey or RGB.
+/// Runs `then` with a JPEG file's bytes and a decoder that has read its headers and outputs grey or
+/// RGB.
 fn with_jpeg<T>(
     (path, access): (&Path, &FileAccess),
     then: impl FnOnce(&[u8], &mut JpegDecoder<ZCursor<&[u8]>>) -> Result<T>,
@@ -46,7 +47,7 @@ fn with_jpeg<T>(
     let mut bytes = Vec::new();
     access.input(path)?.read_to_end(&mut bytes).map_err(Error::io(path, "read"))?;
     guard(path, "JPEG data", || {
-        // Strict, or damage would become grey pixels without a word.
+        // Strict, or corrupt data would silently become grey pixels.
         let options = DecoderOptions::new_fast()
             .set_strict_mode(true)
             .set_max_width(usize::from(u16::MAX))
@@ -62,16 +63,16 @@ fn with_jpeg<T>(
     })
 }
 
-/// Walks over a JPEG's segments to its end marker, which the decoder does not insist on; tells whether the
-/// picture is progressive.
+/// Scans a JPEG's segments for its end marker, which the decoder does not require. Returns whether
+/// the image is progressive.
 fn check_complete(path: &Path, bytes: &[u8]) -> Result<bool> {
     const SOF2: u8 = 0xc2;
     const EOI: u8 = 0xd9;
     let mut progressive = false;
     let mut at = 2;
     loop {
-        // To the next marker: 0xff and a code; in compressed data 0xff 0x00 and restart marks are no
-        // segments.
+        // Skip to the next marker: 0xff and a code. In compressed data, 0xff 0x00 and restart
+        // markers are not segments.
         at += bytes
             .get(at..)
             .and_then(|rest| rest.iter().position(|&b| b == 0xff))

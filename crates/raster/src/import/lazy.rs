@@ -1,4 +1,4 @@
-//! Rasters whose files are open only while they are read from, so that there can be any number of them.
+//! Rasters whose files are open only while they are read, so that there can be any number of them.
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -10,28 +10,28 @@ use super::{Order, Pixels, Raster, RasterInfo, RasterOptions, open};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
-/// Files of formats that can only be read from the top down, which stay open beyond a pool's number: opening one of them again
-/// means to read all that is above.
+/// Maximum number of open files that can only be read from the top down, in addition to a pool's
+/// limit. Reopening one of them means to read all rows above.
 const MAX_SEQUENTIAL: usize = 128;
-/// Rows of those that are skipped at once.
+/// Rows of such files that are skipped at once.
 const SKIPPED: u64 = 64;
 
-/// Files that were read from last, and are still open.
+/// The most recently read files, which are kept open.
 pub(super) struct Pool {
     most: usize,
     next: AtomicU64,
-    /// Those not used for longest come first.
+    /// The least recently used come first.
     open: Mutex<VecDeque<(u64, Opened)>>,
 }
 
-/// An open file, and the next row of it if rows come one after the other.
+/// An open file, and its next row if rows must be read in sequence.
 struct Opened {
     raster: Box<dyn Raster>,
     next_row: u64,
 }
 
 impl Pool {
-    /// A pool of at most so many files.
+    /// A pool of at most `most` files.
     pub(super) fn new(most: usize) -> Arc<Pool> {
         Arc::new(Pool { most, next: AtomicU64::new(0), open: Mutex::default() })
     }
@@ -51,27 +51,28 @@ impl Pool {
         let oldest =
             open.iter().position(alike).filter(|_| open.iter().filter(|other| alike(other)).count() > most);
         let gone = oldest.and_then(|oldest| open.remove(oldest));
-        // (What is closed may have to do with other pools, not with this one's lock.)
+        // Closing a file may involve other pools, so release this one's lock first.
         drop(open);
         drop(gone);
     }
 }
 
-/// A raster of a file that is opened when it is read from.
+/// A raster whose file is opened on demand.
 pub(super) struct Lazy {
     path: PathBuf,
     options: RasterOptions,
-    /// Channels that are read; nothing means all.
+    /// The selected channels; `None` means all.
     chosen: Option<Vec<usize>>,
     info: RasterInfo,
-    /// Whether any region can be read at any time; else rows are skipped, or read from the top again.
+    /// Whether any region can be read at any time. Otherwise rows are skipped, or read from the top
+    /// again.
     anywhere: bool,
     pool: Arc<Pool>,
     id: u64,
 }
 
 impl Lazy {
-    /// Opens a file to know what is in it, and closes it again.
+    /// Opens a file to read its header, and closes it again.
     ///
     /// # Errors
     /// Those of [`open`].
@@ -88,12 +89,12 @@ impl Lazy {
         })
     }
 
-    /// The file, and how it is opened.
+    /// The file, and the options to open it.
     pub(super) fn opened_as(&self) -> (&Path, RasterOptions) {
         (&self.path, RasterOptions { nesting: self.options.nesting.anew(), ..self.options.clone() })
     }
 
-    /// The same file, to be read beside this one.
+    /// Another reader of the same file.
     pub(super) fn another(&self) -> Lazy {
         Lazy {
             path: self.path.clone(),
@@ -106,7 +107,7 @@ impl Lazy {
         }
     }
 
-    /// Forgets what is said of the raster and has nothing to do with its samples, so that very many take little memory.
+    /// Drops properties that do not affect samples, so that very many rasters take little memory.
     pub(super) fn forget_words(&mut self) {
         let RasterInfo { sample, channels, alpha, order, .. } = self.info;
         let mut info = RasterInfo::plain([self.info.width, self.info.height], sample, channels);
@@ -137,7 +138,7 @@ impl Lazy {
         Error::Changed { path: self.path.clone(), what: "was overwritten" }
     }
 
-    /// Reads a region, also of a raster that gives rows from the top down alone.
+    /// Reads a region, also of a raster that can only be read from the top down.
     fn read_from(&self, opened: &mut Opened, region: Region, pixels: &mut Pixels) -> Result<()> {
         if self.anywhere {
             return opened.raster.read(region, pixels);
@@ -187,7 +188,7 @@ impl Raster for Lazy {
             None => self.reopen()?,
         };
         self.read_from(&mut opened, region, pixels)?;
-        // (What is at its end is not needed again, as a rule.)
+        // A raster that was read to its end is usually not needed again.
         if self.info.order == Order::Anywhere || region.bottom() < self.info.height {
             self.pool.put(self.id, opened);
         }

@@ -1,4 +1,5 @@
-//! Mask files, GDAL's `.msk` next to a raster: a TIFF file of the same size whose samples are 0 where a pixel is VOID.
+//! Mask files, GDAL's `.msk` next to a raster: TIFF files of the same size whose samples are 0
+//! where a pixel is VOID.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -11,7 +12,7 @@ use spinney_base::{Error, Result};
 /// A raster with the mask of another file.
 struct Masked {
     raster: Box<dyn Raster>,
-    /// Also that of others which read from the same file.
+    /// Shared with other rasters of the same file.
     mask: Arc<Mutex<Box<dyn Raster>>>,
     flags: Pixels,
 }
@@ -25,13 +26,14 @@ pub(super) fn mask_of(raster: &Path) -> PathBuf {
     })
 }
 
-/// The raster with its mask file, if there is one. A mask that the raster's own file has goes before it, as for GDAL.
+/// Adds the mask file to a raster, if there is one. A mask inside the raster's own file takes
+/// precedence, as in GDAL.
 ///
 /// # Errors
 /// If the mask file cannot be read, or has another size than the raster.
 pub(super) fn masked(raster: Box<dyn Raster>, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let path = mask_of(raster.path());
-    // (It belongs to the first page.)
+    // The mask file belongs to the first page.
     if options.page.is_some_and(|page| page > 0) || options.access.find_companion(&path)?.is_none() {
         return Ok(raster);
     }

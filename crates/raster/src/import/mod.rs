@@ -1,4 +1,4 @@
-//! Raster files as input: one trait, one reader per format, mosaics of several.
+//! Import of raster files: one trait, one reader per format, and mosaics of several files.
 
 mod bands;
 mod build;
@@ -49,15 +49,16 @@ use spinney_base::{Error, Result};
 use spinney_container::{FIRST_BYTES, OtherFormat, ScopedTags};
 use spinney_crs::{ControlPoints, Frame};
 
-/// What pixels become whose opacity is 0.
+/// Treatment of pixels whose opacity is 0.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Transparent {
-    /// VOID.
+    /// They become VOID.
     #[default]
     Void,
-    /// Cells with their colours, which count for nothing: see `Mask::Alpha`. Those of zeros alone are VOID.
+    /// They become cells that keep their colours but have no weight: see `Mask::Alpha`. Only pixels
+    /// of zeros become VOID.
     Masked,
-    /// Cells like all others.
+    /// They become ordinary cells.
     Plain,
 }
 
@@ -68,50 +69,50 @@ pub struct RasterInfo {
     pub width: u64,
     /// Rows.
     pub height: u64,
-    /// Type of the samples that [`Raster::read`] gives: the file's own, or the next wider one that Spinney
-    /// has (1 to 7 bits become u8, half becomes f32).
+    /// Type of the samples returned by [`Raster::read`]: the file's own, or the next wider type
+    /// that Spinney supports (1 to 7 bits become u8, half becomes f32).
     pub sample: SampleType,
-    /// Type of the samples as the file has them, in words: "uint12", "int8", "half".
+    /// Name of the sample type in the file: "uint12", "int8", "half".
     pub stored_sample: String,
-    /// Samples per pixel, any number.
+    /// Samples per pixel; not limited.
     pub channels: usize,
     /// Index of the opacity channel (0 is transparent), if there is one.
     pub alpha: Option<usize>,
-    /// What transparent pixels become.
+    /// Treatment of transparent pixels.
     pub transparent: Transparent,
-    /// What each channel has of its own; nothing where they differ in nothing of it.
+    /// Properties of each channel; empty if the channels do not differ in these.
     pub bands: Vec<BandInfo>,
-    /// Map from pixels to the world.
+    /// Transform from pixels to the world.
     pub frame: Frame,
     /// The number that marks missing samples.
     pub nodata: Option<Number>,
-    /// Colours of the values of a one-channel picture.
+    /// Colours of the values of a one-channel image.
     pub palette: Option<Palette>,
-    /// A role per channel by GDAL's names ("Red", "NIR") where the file tells it, else empty strings.
+    /// Role per channel by GDAL's names ("Red", "NIR"); empty if the file has none.
     pub colour_roles: Vec<String>,
     /// Names of values, by value.
     pub class_names: Vec<(Number, String)>,
-    /// Index of the channel whose values these are.
+    /// Index of the channel that they belong to.
     pub class_channel: usize,
-    /// A name per channel where the file has them, else empty strings.
+    /// Name per channel; empty if the file has none.
     pub band_names: Vec<String>,
-    /// Scale and offset per channel: factor and summand from samples to physical units.
+    /// Scale and offset per channel, from samples to physical values.
     pub scale_offset: Vec<(f64, f64)>,
-    /// Unit per channel of what scale and offset make; empty where the file does not tell.
+    /// Unit per channel of the scaled values; empty if the file has none.
     pub units: Vec<String>,
-    /// Kind of the samples, continuous or categorical, where the file tells.
+    /// Kind of the samples, continuous or categorical, if the file has it.
     pub kind: Option<DataKind>,
-    /// The format and how the pixels lie in the file, in words: "GeoTIFF, 512x512 tiles, zstd".
+    /// Format and pixel layout of the file: "GeoTIFF, 512x512 tiles, zstd".
     pub layout: String,
-    /// Other things worth keeping, by name.
+    /// Other metadata, by name.
     pub tags: BTreeMap<String, String>,
-    /// Texts about single channels, and in domains.
+    /// Metadata of single channels, and in domains.
     pub scoped_tags: ScopedTags,
     /// Ground control points.
     pub control_points: Option<ControlPoints>,
     /// A remark on contents of the file that are not read, and on sidecars that contradict it.
     pub remark: Option<String>,
-    /// Pictures of their own in the file, besides overviews and masks, of which this is one.
+    /// Number of independent images in the file, this one included, without overviews and masks.
     pub pages: usize,
     /// Order in which regions are cheap to read.
     pub order: Order,
@@ -120,73 +121,76 @@ pub struct RasterInfo {
 /// Order in which regions of a raster are cheap to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// Full-width bands from the top down, each row asked for once; for some formats nothing else is
-    /// possible.
+    /// Full-width bands from the top down, each row once. Some formats allow nothing else.
     Bands,
     /// Any region at any time.
     Anywhere,
 }
 
-/// Samples of a region: rows from the top, pixels from the left, a pixel's channels together, little-endian.
+/// Samples of a region: rows from the top, pixels from the left, the channels of a pixel together,
+/// little-endian.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Pixels {
     /// `height * width * channels` samples.
     pub bytes: Vec<u8>,
-    /// One flag per pixel where the file has a mask of its own: `false` is VOID. (Opacity and nodata are not
-    /// in it: the samples themselves have them.)
+    /// One flag per pixel if the file has a mask: `false` is VOID. (Opacity and nodata are not
+    /// included, since the samples encode them.)
     pub valid: Option<Vec<bool>>,
 }
 
-/// A raster file that is open for reading, whatever its format.
+/// A raster file that is open for reading, independent of its format.
 pub trait Raster: Send {
     /// Properties of the raster.
     fn info(&self) -> &RasterInfo;
 
-    /// The file, for messages.
+    /// Path of the file, for messages.
     fn path(&self) -> &Path;
 
-    /// Reads a region that lies within the raster into `pixels`, replacing what was there.
+    /// Reads a region within the raster into `pixels`, whose content is replaced.
     ///
-    /// With [`Order::Bands`], regions must be full-width and follow each other from the top without a gap.
+    /// With [`Order::Bands`], regions must be full-width and follow each other from the top without
+    /// gaps.
     ///
     /// # Errors
-    /// If the file is damaged there, cannot be read, or decoding would need more memory than `open` allowed.
+    /// If the file is corrupt there or cannot be read, or decoding exceeds the memory budget of
+    /// `open`.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()>;
 
-    /// Leaves only these channels, which count from 0, in this order; `false`, and nothing is done, if all are read anyway.
+    /// Restricts the raster to these channels, by index from 0, in this order. Returns `false`,
+    /// without an effect, if all channels are read anyway.
     fn choose(&mut self, channels: &[usize]) -> bool {
         let _ = channels;
         false
     }
 
-    /// The raster of these channels, which reads from the same open file; nothing if that takes as long as to read all channels, or the
-    /// format has no way to do so.
+    /// Returns a raster of these channels that reads from the same open file. Returns `None` if
+    /// that takes as long as reading all channels, or the format does not support it.
     fn separate_channels(&self, channels: &[usize]) -> Option<Box<dyn Raster>> {
         let _ = channels;
         None
     }
 
-    /// Whether any region can be read at any time, though another order may be cheaper.
+    /// Whether any region can be read at any time, even if another order is cheaper.
     fn reads_anywhere(&self) -> bool {
         self.info().order == Order::Anywhere
     }
 }
 
-/// Options for opening a raster.
+/// Options to open a raster.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct RasterOptions {
-    /// Bytes that a reader may hold at once, such as decoded strips or a whole picture of a format that has
-    /// no other way.
+    /// Memory budget of a reader in bytes, such as for decoded strips, or for the whole image if
+    /// the format requires that.
     pub memory: u64,
-    /// The layer of an EXR file to read, by name; the first one if not given.
+    /// Name of the layer of an EXR file; by default the first one.
     pub layer: Option<String>,
-    /// The page of a TIFF file to read, by its number from 0; the first one if not given.
+    /// Number of the page of a TIFF file, from 0; by default the first one.
     pub page: Option<usize>,
-    /// How the file, and those that it names or that accompany it, are opened.
+    /// Access to the file, and to files that it names or that accompany it.
     pub access: FileAccess,
     pub(crate) nesting: vrt::Nesting,
-    /// The directory of the page in a TIFF file, if that is known.
+    /// Offset of the page's directory in a TIFF file, if known.
     pub(crate) directory: Option<u64>,
 }
 
@@ -204,17 +208,18 @@ impl Default for RasterOptions {
 }
 
 impl RasterOptions {
-    /// The first layer, read with 192 MiB of memory.
+    /// The first layer, with a memory budget of 192 MiB.
     pub fn new() -> RasterOptions {
         RasterOptions::default()
     }
 }
 
-/// Opens a raster file with the metadata of its sidecar (`.aux.xml`) and its mask file (`.msk`). The format is recognized by the first bytes,
-/// that of `.hgt` and `.tga` files, which have no signature, by the name.
+/// Opens a raster file with the metadata of its sidecar (`.aux.xml`) and its mask file (`.msk`).
+/// The format is detected by the first bytes, or for `.hgt` and `.tga` files, which have no
+/// signature, by the name.
 ///
 /// # Errors
-/// If the file cannot be read, is of no format we know, is damaged, or uses something unsupported.
+/// If the file cannot be read, has an unknown format, is corrupt, or uses an unsupported feature.
 pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let magic = first_bytes(path, &options.access)?;
     let raster = match magic.as_slice() {
@@ -236,10 +241,10 @@ pub fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     sidecar::describe(raster, &options.access)
 }
 
-/// Enough of a file's start to tell its format.
+/// Reads enough of a file's start to detect its format.
 fn first_bytes(path: &Path, access: &FileAccess) -> Result<Vec<u8>> {
     if path.is_dir() {
-        // (Some formats are folders.)
+        // Some formats are directories.
         if OtherFormat::of(path, &[]).is_some() {
             return Err(OtherFormat::refuse_source(path, &[]));
         }

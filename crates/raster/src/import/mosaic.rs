@@ -1,4 +1,4 @@
-//! Several rasters on one grid as one.
+//! Mosaics of several rasters on one grid.
 
 use std::path::{Path, PathBuf};
 
@@ -10,36 +10,36 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// Largest distance of a raster's pixels from the grid of the first one, in pixels.
+/// Maximum distance of a raster's pixels from the grid of the first raster, in pixels.
 const TOLERANCE: f64 = 1e-3;
 
-/// Several rasters on one grid.
+/// A mosaic of several rasters on one grid.
 pub(super) struct Mosaic {
-    /// The first file, for messages.
+    /// Path of the first file, for messages.
     path: PathBuf,
     inputs: Vec<Input>,
     info: RasterInfo,
-    /// Whether inputs mark VOID with different numbers, so that flags must tell.
+    /// Whether inputs have different nodata numbers, so that VOID pixels need flags.
     flag_all: bool,
     part: Pixels,
 }
 
 struct Input {
     raster: Box<dyn Raster>,
-    /// Its pixels in the mosaic.
+    /// Region of its pixels in the mosaic.
     region: Region,
     validity: Validity,
 }
 
-/// Several rasters as one that covers them all; the last one lies on top, and where it is VOID those below
-/// show.
+/// Combines several rasters into one that covers all of them. The last raster is on top; where it
+/// is VOID, those below are visible.
 ///
-/// They must have the same kind of pixels, and their pixels must lie on one grid. Everything else (palette,
-/// names, tags) is the first one's. If they mark VOID with different numbers, the mosaic has none and flags
-/// VOID pixels instead. One raster is given back as it is.
+/// Pixels must have the same type, and must be on one grid. All other properties (palette, names,
+/// tags) are those of the first raster. If nodata numbers differ, the mosaic has none and flags
+/// VOID pixels instead. A single raster is returned unchanged.
 ///
 /// # Errors
-/// If they do not fit together, or there are none.
+/// If the rasters do not fit together, or there are none.
 pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     match rasters.len() {
         0 => Err(Error::invalid("inputs", "none", "at least one raster")),
@@ -48,7 +48,8 @@ pub fn mosaic(mut rasters: Vec<Box<dyn Raster>>) -> Result<Box<dyn Raster>> {
     }
 }
 
-/// Description of a mosaic whose inputs are known, so that it can be made of those alone that have to do with a part of it.
+/// Description of a mosaic with known inputs. With it a region of the mosaic can be built from only
+/// the inputs that intersect the region.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -58,21 +59,21 @@ pub struct MosaicPlan {
     /// The number that marks missing samples, unless inputs have different ones.
     #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
-    /// Whether they have.
+    /// Whether inputs have different nodata numbers.
     pub flag_all: bool,
-    /// The pixels of each input.
+    /// Region of each input's pixels.
     pub regions: Vec<Region>,
 }
 
 impl MosaicPlan {
-    /// A mosaic of columns and rows, whose inputs are none yet.
+    /// A mosaic of columns and rows, without inputs.
     pub fn new(size: [u64; 2], nodata: Option<Number>, flag_all: bool) -> MosaicPlan {
         MosaicPlan { size, nodata, flag_all, regions: Vec::new() }
     }
 }
 
 impl Mosaic {
-    /// The mosaic of several rasters.
+    /// Computes the mosaic of several rasters.
     pub(super) fn of(rasters: Vec<Box<dyn Raster>>) -> Result<Mosaic> {
         let first = &*rasters[0];
         let offsets = rasters.iter().map(|raster| offset(first, &**raster)).collect::<Result<Vec<_>>>()?;
@@ -106,11 +107,11 @@ impl Mosaic {
         Ok(Mosaic { path, inputs, info, flag_all, part: Pixels::default() })
     }
 
-    /// The mosaic of a plan with these inputs, of which there may be none, and no others; `empty` is what is known of its pixels if there
-    /// are none.
+    /// A planned mosaic restricted to these inputs, possibly none. `empty` describes its pixels if
+    /// there are none.
     ///
     /// # Errors
-    /// If an input does not have as many pixels as the plan says, or other ones.
+    /// If an input's size differs from the plan, or its pixels have another type.
     pub(super) fn placed(
         plan: &MosaicPlan,
         rasters: Vec<Box<dyn Raster>>,
@@ -141,7 +142,7 @@ impl Mosaic {
         })
     }
 
-    /// Its description.
+    /// Returns the plan of this mosaic.
     pub(super) fn plan(&self) -> MosaicPlan {
         MosaicPlan {
             size: [self.info.width, self.info.height],
@@ -157,7 +158,7 @@ fn same_number(a: Option<Number>, b: Option<Number>) -> bool {
         || matches!((a, b), (Some(a), Some(b)) if a.is_nan() && b.is_nan())
 }
 
-/// Offset of a raster's first pixel in the pixels of another one.
+/// Offset of a raster's first pixel in pixels of another raster.
 fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
     let both = || format!("{} and {} for one mosaic", first.path().display(), other.path().display());
     let (a, b) = (first.info(), other.info());
@@ -180,7 +181,7 @@ fn offset(first: &dyn Raster, other: &dyn Raster) -> Result<[i64; 2]> {
     }
     let [here, there] = [first, other].map(|raster| raster.path().display().to_string());
     Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
-    // If three corners lie on the grid, all pixels do.
+    // If three corners are on the grid, all pixels are.
     let (width, height) = (b.width as f64, b.height as f64);
     let shift = |[x, y]: [f64; 2]| {
         let [column, row, _] = a.frame.to_cells(b.frame.to_world([x, y, 0.0]))?;
@@ -219,7 +220,7 @@ impl Raster for Mosaic {
         self.info.check(region)?;
         let touched = |input: &&mut Input| !input.region.intersect(&region).is_empty();
         let mut inputs: Vec<&mut Input> = self.inputs.iter_mut().filter(touched).collect();
-        // The usual case: one input has it all.
+        // The usual case: one input covers the region.
         if let [input] = inputs.as_mut_slice()
             && input.region.contains(&region)
         {
@@ -253,14 +254,14 @@ impl Raster for Mosaic {
 }
 
 impl Input {
-    /// Reads a region of the mosaic that lies within the input.
+    /// Reads a region of the mosaic that is within the input.
     fn read(&mut self, region: Region, pixels: &mut Pixels) -> Result<()> {
         let Region { x, y, width, height } = region;
         self.raster.read(Region::new(x - self.region.x, y - self.region.y, width, height), pixels)
     }
 }
 
-/// Puts those pixels of a row that are not VOID over what is there.
+/// Copies the valid pixels of a row.
 fn paint(target: &mut [u8], valid: &mut [bool], samples: &[u8], flags: Option<&[bool]>, size: usize) {
     let Some(flags) = flags else {
         target.copy_from_slice(samples);
@@ -288,8 +289,8 @@ mod tests {
         RasterInfo { frame, nodata: Some(0.into()), ..RasterInfo::plain(size, SampleType::U8, 1) }
     }
 
-    /// A picture at an offset whose pixels are 0 (VOID) to 3, and whether it wants bands and has another
-    /// nodata.
+    /// A raster at an offset with pixels from 0 (VOID) to 3, whether it requires bands, and whether
+    /// it has another nodata number.
     type Picture = ([i64; 2], [u64; 2], Vec<u8>, bool, bool);
 
     fn picture() -> impl Strategy<Value = Picture> {

@@ -1,4 +1,4 @@
-//! Plans of imports: from raster files and options to the tree that will be built.
+//! Import plans: from raster files and options to the tree that will be built.
 
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
@@ -17,13 +17,13 @@ use spinney_container::{Header, Metadata};
 use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, depth_for};
 
-/// Bytes of memory used if nothing is said: enough for images of a usual size that are decoded as a whole.
+/// Default memory budget in bytes: enough for images of common sizes that are decoded as a whole.
 pub const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// Files that are open at once; of more, each is opened when it is read from.
+/// Maximum number of files kept open; if there are more, each is opened when it is read.
 pub(super) const MAX_OPEN: usize = 16;
 
-/// Options for an import; the files decide those that are `None`.
+/// Options of an import; the files determine those that are `None`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -32,64 +32,65 @@ pub struct ImportOptions {
     pub kind: Option<DataKind>,
     /// Rule for the representatives of inner nodes.
     pub rule: Option<Rule>,
-    /// Channels to take, by number or name.
+    /// Selected channels, by number or name.
     pub bands: Option<Vec<Band>>,
     /// The number that means VOID.
     #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
-    /// Levels of the tree, at least as many as the picture needs.
+    /// Depth of the tree; at least the minimum that holds the image.
     pub depth: Option<u8>,
-    /// The coordinate system.
+    /// The coordinate reference system.
     pub crs: Option<Crs>,
-    /// Affine map of the pixels: the numbers of [`Frame::planar`]; for several inputs, of the mosaic.
+    /// Affine transform of the pixels, in the order of [`Frame::planar`]; for several inputs, of
+    /// the mosaic.
     #[serde(with = "spinney_base::text_fields")]
     pub transform: Option<[f64; 6]>,
-    /// The layer of OpenEXR files, by its name.
+    /// Name of the layer of OpenEXR files.
     pub layer: Option<String>,
-    /// The page of TIFF files, by its number from 0; files that have several are refused if it is not said.
+    /// Number of the page of TIFF files, from 0. By default files with several pages are rejected.
     pub page: Option<usize>,
-    /// Bytes of memory for everything: half for reading the files, half for building; [`DEFAULT_MEMORY`] if
-    /// not said.
+    /// Memory budget in bytes, half for reading the files, half for building; the default is
+    /// [`DEFAULT_MEMORY`].
     #[serde(skip)]
     pub memory: Option<u64>,
-    /// Whether pixels of opacity 0 become cells, with their colours; else they become VOID.
+    /// Whether pixels of opacity 0 become cells with their colours; otherwise they become VOID.
     pub keep_transparent: bool,
-    /// Whether equal subtrees are stored once, in Autumnal files.
+    /// Whether Autumnal files store equal subtrees once.
     #[serde(skip)]
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    /// Time of the first commit of an Autumnal file, in seconds since the beginning of 1970.
     #[serde(skip)]
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// Compression of the file, and the loss that it may cause.
     pub packing: Packing,
-    /// How the files, and those that they name or that accompany them, are opened.
+    /// Access to the files, and to files that they name or that accompany them.
     #[serde(skip)]
     pub access: FileAccess,
 }
 
 impl ImportOptions {
-    /// All that the files say.
+    /// Options with everything taken from the files.
     pub fn new() -> ImportOptions {
         ImportOptions::default()
     }
 }
 
-/// Files that are open and understood, ready to be built: see [`RasterImport::build`].
+/// Opened files that are ready to be built: see [`RasterImport::build`].
 pub struct RasterImport {
     pub(super) raster: Box<dyn Raster>,
     pub(super) value: ValueType,
     pub(super) nodata: Option<Number>,
     pub(super) options: BuildOptions,
     pub(super) memory: u64,
-    /// Files of which something is not read, and what that is.
+    /// Files with content that is not read, and a description of that.
     pub(super) remarks: Vec<(PathBuf, String)>,
-    /// Description of the mosaic, if there are several files.
+    /// Plan of the mosaic, if there are several files.
     mosaic: Option<MosaicPlan>,
     description: Vec<(&'static str, String)>,
 }
 
 impl RasterImport {
-    /// A plan of which all is known.
+    /// A complete plan.
     pub(super) fn of(
         raster: Box<dyn Raster>,
         value: ValueType,
@@ -101,17 +102,17 @@ impl RasterImport {
         RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description }
     }
 
-    /// Description of the plan: pairs of a heading and its text.
+    /// Description of the plan: pairs of heading and text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
-    /// The picture as it will be read.
+    /// Properties of the image that will be read.
     pub fn info(&self) -> &RasterInfo {
         self.raster.info()
     }
 
-    /// Description of the mosaic, if there are several files.
+    /// Plan of the mosaic, if there are several files.
     pub fn mosaic(&self) -> Option<&MosaicPlan> {
         self.mosaic.as_ref()
     }
@@ -127,7 +128,7 @@ impl RasterImport {
     }
 }
 
-/// Opens raster files and decides how their tree is built. Several files become one picture: see
+/// Opens raster files and plans their tree. Several files become one image: see
 /// [`mosaic`](super::mosaic).
 ///
 /// ```
@@ -159,7 +160,7 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
         }
     };
     let info = raster.info();
-    // Beside opacity nothing is missing: what has no value is transparent there.
+    // With opacity no nodata number is needed: missing pixels are transparent.
     let missing = info.nodata.filter(|_| info.alpha.is_none());
     let value = bands::value_type(raster.path(), info)?;
     let value = match info.transparent {
@@ -185,11 +186,11 @@ pub fn plan(inputs: &[PathBuf], options: &ImportOptions) -> Result<RasterImport>
     Ok(RasterImport { raster, value, nodata, options, memory, remarks, mosaic, description })
 }
 
-/// Opens some inputs of a mosaic that was planned before, whose regions are those of these inputs; there may be none. The tree is that of a
-/// header and of metadata.
+/// Opens some inputs, possibly none, of a mosaic that was planned before; `mosaic` has the regions
+/// of these inputs. The tree is described by a header and metadata.
 ///
 /// # Errors
-/// If a file cannot be read, or has other pixels than it had.
+/// If a file cannot be read, or its pixels have changed.
 pub fn plan_part(
     inputs: &[PathBuf],
     mosaic: &MosaicPlan,
@@ -215,7 +216,7 @@ pub fn plan_part(
     Ok(RasterImport { remarks, ..part })
 }
 
-/// Files of which something is not read, and what that is.
+/// Files with content that is not read, and a description of that.
 fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
     let told = rasters
         .iter()
@@ -223,16 +224,18 @@ fn remarks(rasters: &[Box<dyn Raster>]) -> Vec<(PathBuf, String)> {
     told.collect()
 }
 
-/// Opens inputs, with the channels, nodata number and coordinate system that the user chose; they may be several pictures one upon the other.
+/// Opens inputs with the user's channels, nodata number and coordinate system. With `are_several`
+/// they are layers of a mosaic.
 ///
-/// `overruled` becomes the first coordinate system that a file tells and that is not the one that the user chose.
+/// `overruled` is set to the first coordinate system of a file that differs from the user's.
 fn open_inputs(
     inputs: &[PathBuf],
     are_several: bool,
     (options, memory): (&ImportOptions, u64),
     overruled: &mut Option<Crs>,
 ) -> Result<Vec<Box<dyn Raster>>> {
-    // Readers rarely need their share, but all that are open together must not need more than half of the memory.
+    // Readers rarely need their share, but all open files together must not exceed half of the
+    // memory.
     let at_once = inputs.len().clamp(1, MAX_OPEN);
     let share = memory / 2 / at_once as u64;
     let open_options = RasterOptions {
@@ -257,7 +260,7 @@ fn open_inputs(
         let mut info = raster.info().clone();
         tell(&mut info, options, overruled);
         if are_several && info.transparent == Transparent::Masked {
-            // Through what is transparent the pictures below are seen.
+            // Images below are visible through transparent pixels.
             info.transparent = Transparent::Void;
         }
         Ok(Box::new(Described { raster, info }))
@@ -265,7 +268,7 @@ fn open_inputs(
     inputs.iter().map(open_one).collect()
 }
 
-/// What transparent pixels of a picture become, if the user does not say that they are like all others.
+/// The treatment of an image's transparent pixels, depending on the option to keep them.
 fn transparent(info: &RasterInfo, options: &ImportOptions) -> Transparent {
     let is_last = info.channels > 1 && info.alpha == Some(info.channels - 1);
     match options.keep_transparent {
@@ -275,8 +278,8 @@ fn transparent(info: &RasterInfo, options: &ImportOptions) -> Transparent {
     }
 }
 
-/// Puts what the user says of a picture in place of what its file says; `overruled` becomes the first coordinate system that a file
-/// tells and that is not the one that the user chose.
+/// Overrides properties of a file by the user's options. `overruled` is set to the first coordinate
+/// system of a file that differs from the user's.
 pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &mut Option<Crs>) {
     info.nodata = options.nodata.or(info.nodata).and_then(|number| as_stored(number, info.sample));
     info.transparent = transparent(info, options);
@@ -289,7 +292,7 @@ pub(super) fn tell(info: &mut RasterInfo, options: &ImportOptions, overruled: &m
     }
 }
 
-/// Refuses a file of several pages, of which the first is not all there is.
+/// Rejects a file of several pages if none was selected.
 pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
     match raster.info().pages {
         0 | 1 => Ok(()),
@@ -305,7 +308,7 @@ pub(super) fn check_pages(raster: &dyn Raster) -> Result<()> {
 struct Choices {
     value: ValueType,
     kind: DataKind,
-    /// Reason for the kind, in words.
+    /// Reason for the kind, for messages.
     kind_reason: &'static str,
     rule: Rule,
     depth: u8,
@@ -318,7 +321,7 @@ pub(super) fn metadata(
     info: &RasterInfo,
     options: &ImportOptions,
 ) -> Metadata {
-    // Control points are for pictures that nothing else places.
+    // Control points are kept only if nothing else georeferences the image.
     let control_points = info.control_points.clone().filter(|_| frame.is_identity());
     let mut metadata = Metadata {
         frame,
@@ -392,7 +395,7 @@ fn describe(
     lines
 }
 
-/// The paths of files, as far as a line has room for them.
+/// Lists the paths of files, as many as fit a line.
 pub(crate) fn listed(paths: &[PathBuf]) -> String {
     const LISTED: usize = 12;
     let names: Vec<String> = paths.iter().take(LISTED).map(|path| path.display().to_string()).collect();
@@ -427,7 +430,8 @@ pub(super) fn kind(info: &RasterInfo, options: &ImportOptions) -> (DataKind, &'s
     }
 }
 
-/// The nodata number in words: what was asked for or is told, and what samples of the tree's type hold of that.
+/// Describes the nodata number: the requested one, or the file's, as far as samples of the tree's
+/// type can hold it.
 pub(crate) fn nodata_text(asked: Option<Number>, held: Option<Number>, sample: SampleType) -> String {
     match (asked, held) {
         (Some(number), None) => format!("none: {} cannot hold {number}", sample.name()),
@@ -437,10 +441,11 @@ pub(crate) fn nodata_text(asked: Option<Number>, held: Option<Number>, sample: S
     }
 }
 
-/// Levels of a tree: as asked for, else as few as hold its cells, whose size is `size` in words.
+/// Returns the depth of a tree: the requested one, or the minimum that holds its cells. `size` is
+/// their size, for messages.
 ///
 /// # Errors
-/// If no tree is that large, or the tree asked for is not.
+/// If no tree is that large, or the requested depth is too small or too large.
 pub(crate) fn depth_of(dimension: Dimension, extent: [u64; 3], size: &str, asked: Option<u8>) -> Result<u8> {
     let (least, most) = (depth_for(extent), dimension.max_depth());
     if least > most {
@@ -455,7 +460,7 @@ pub(crate) fn depth_of(dimension: Dimension, extent: [u64; 3], size: &str, asked
     }
 }
 
-/// A line per input, and one for what the user said.
+/// A line per input, and one for the user's options.
 fn provenance(inputs: &[PathBuf], info: &RasterInfo, options: &ImportOptions) -> Vec<String> {
     let mut lines: Vec<String> =
         inputs.iter().map(|path| format!("raster {} ({})", path.display(), info.layout)).collect();

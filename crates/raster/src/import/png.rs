@@ -1,4 +1,4 @@
-//! PNG, row by row.
+//! Reader of PNG, row by row.
 
 use std::collections::BTreeMap;
 use std::io::{BufReader, ErrorKind};
@@ -19,7 +19,7 @@ struct Png {
     reader: Reader<BufReader<InputFile>>,
     /// Bits of a sample in the file.
     depth: u8,
-    /// One row as the file has it, or all of them if they are interlaced: packed and big-endian.
+    /// One row as stored in the file, or all rows if they are interlaced: packed and big-endian.
     raw: Vec<u8>,
     next_row: u64,
     void: Void,
@@ -43,7 +43,7 @@ pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
         let header = decoder.read_header_info().map_err(|error| png_error(path, error))?;
         let bits = u64::from(header.width) * header.bits_per_pixel() as u64;
         let row_bytes = bits.div_ceil(8);
-        // The decoder holds a few rows, and so do we.
+        // Both the decoder and this reader hold a few rows.
         options.check_memory(path, "a few rows of the picture", row_bytes.saturating_mul(4))?;
         if header.interlaced {
             let all = row_bytes.saturating_mul(header.height.into());
@@ -94,13 +94,14 @@ fn describe(header: &Info) -> RasterInfo {
     .in_colour()
 }
 
-/// Bytes of all texts together: half of what a tree's metadata may have.
+/// Maximum size of all text chunks in bytes: half of the limit of a tree's metadata.
 const MAX_TEXT: usize = 8 << 20;
 
-/// A text out of its chunk.
+/// A text decoded from its chunk.
 type Unpacked = std::result::Result<String, DecodingError>;
 
-/// Texts by their keywords, and how many cannot be unpacked or are too long: a few bytes may stand for gigabytes.
+/// Decodes text chunks by their keywords, and counts those that cannot be decompressed or are too
+/// long: a few bytes may expand to gigabytes.
 fn texts(header: &Info) -> (BTreeMap<String, String>, usize) {
     let (mut texts, mut left_out, mut room) = (BTreeMap::new(), 0, MAX_TEXT);
     let mut add = |name: &str, unpack: &dyn Fn(usize) -> Unpacked| match unpack(room) {
@@ -152,7 +153,7 @@ fn void_rule(path: &Path, header: &Info, palette: Option<&Palette>) -> Result<Vo
 }
 
 impl Png {
-    /// Decodes what comes next into `raw`: a row, or at the start of an interlaced picture all of it.
+    /// Decodes the next row into `raw`, or all rows at the start of an interlaced image.
     fn decode_next(&mut self) -> Result<()> {
         let Png { reader, raw, next_row, path, info, .. } = self;
         guard(path, &format!("PNG row {next_row}"), || {
@@ -163,7 +164,7 @@ impl Png {
                 reader.next_frame(raw).map_err(|error| png_error(path, error))?;
             }
             if *next_row + 1 == info.height {
-                // To the end of the file, so that a truncated or altered one is found out.
+                // Read to the end of the file, to detect truncated or modified files.
                 reader.finish().map_err(|error| png_error(path, error))?;
             }
             Ok(())
@@ -206,7 +207,7 @@ impl Raster for Png {
     }
 }
 
-/// Appends a row's samples as bytes, or as little-endian pairs of them.
+/// Appends a row's samples as bytes, or as little-endian pairs of bytes.
 fn unpack(raw: &[u8], depth: u8, samples: usize, out: &mut Vec<u8>) {
     match depth {
         8 => out.extend_from_slice(raw),

@@ -1,4 +1,4 @@
-//! Sidecars: the `.aux.xml` files in which GDAL keeps what is said about a picture and has no room in it.
+//! Sidecars: GDAL's `.aux.xml` files with metadata that does not fit the image file.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use spinney_base::value::{DataKind, Number, Palette};
 use spinney_base::{Error, Result};
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, Transformation};
 
-/// Bytes of a sidecar: as much as a tree's metadata may have.
+/// Maximum size of a sidecar in bytes; the same limit as for a tree's metadata.
 const MAX_BYTES: u64 = 16 << 20;
 
-/// A raster about which more is known than its file tells.
+/// A raster with properties from other sources than its file.
 pub(super) struct Described {
     pub(super) raster: Box<dyn Raster>,
     pub(super) info: RasterInfo,
@@ -51,9 +51,9 @@ impl Raster for Described {
     }
 }
 
-/// The raster with what files beside it say, if there are any. What a sidecar says goes before what the file itself
-/// says, as for GDAL, which writes sidecars of files that it cannot change; but for its place, which a sidecar or a
-/// world file tells where the file itself does not.
+/// Adds the properties from sidecars, if there are any. They take precedence over the file's own,
+/// as in GDAL, which writes sidecars for read-only files. Georeferencing is an exception: it is
+/// read from a sidecar or world file only if the file has none.
 pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<Box<dyn Raster>> {
     let mut info = raster.info().clone();
     apply_sidecar(beside(raster.path(), sidecar_of), access, &mut info)?;
@@ -61,7 +61,7 @@ pub(super) fn describe(raster: Box<dyn Raster>, access: &FileAccess) -> Result<B
     Ok(Box::new(Described { raster, info }))
 }
 
-/// Takes over what a sidecar says, if it is there.
+/// Applies a sidecar, if it exists.
 fn apply_sidecar(path: PathBuf, access: &FileAccess, info: &mut RasterInfo) -> Result<()> {
     let Some(file) = access.find_companion(&path)? else { return Ok(()) };
     let mut bytes = Vec::new();
@@ -131,15 +131,15 @@ fn apply(path: &Path, root: &XmlElement<'_>, info: &mut RasterInfo) -> Result<()
     Ok(())
 }
 
-/// Whether two coordinate systems are understood, and are not the same.
+/// Whether two coordinate systems are both supported and differ.
 fn is_another(own: &Crs, other: &Crs) -> bool {
     Transformation::new(own, other, true).is_ok_and(|between| !between.is_identity())
 }
 
-/// Cells by which frames may differ: other programs write them with fewer digits.
+/// Maximum difference of equal frames, in cells: other programs write fewer digits.
 const SAME_PLACE: f64 = 0.01;
 
-/// Whether two frames place a corner of a raster of this size apart.
+/// Whether two frames place a corner of a raster of this size differently.
 fn differs(own: &Frame, other: &Frame, [width, height]: [u64; 2]) -> bool {
     let [width, height] = [width as f64, height as f64];
     [[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]].into_iter().any(|[x, y]| {
@@ -149,7 +149,7 @@ fn differs(own: &Frame, other: &Frame, [width, height]: [u64; 2]) -> bool {
 }
 
 fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
-    // (Of one channel, all is the raster's.)
+    // Properties of a single channel are those of the raster.
     let several = info.channels > 1;
     let mut nodata = None;
     for element in band.children() {
@@ -168,7 +168,7 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
                 }
             }
             "ColorTable" => match palette(&element) {
-                // Colours are for classes, as in a picture that has them in itself.
+                // Palettes are for classes, as in image files that have one.
                 Some(palette) if !several => {
                     (info.palette, info.kind) = (Some(palette), Some(DataKind::Categorical));
                 }
@@ -182,13 +182,14 @@ fn apply_band(band: &XmlElement<'_>, channel: usize, info: &mut RasterInfo) {
     if several && nodata.is_some() {
         info.bands_mut()[channel].nodata = nodata;
     }
-    // (Of several channels the first counts: a picture has one number.)
+    // Of several channels the first one counts, since a raster has one nodata number.
     if channel == 0 || info.nodata.is_none() {
         info.nodata = nodata.or(info.nodata);
     }
 }
 
-/// Names of a channel's values, which are those of the raster, too, if no channel before has some.
+/// Stores the names of a channel's values. The raster gets them as well if no earlier channel has
+/// names.
 fn class_names(info: &mut RasterInfo, channel: usize, names: Vec<(Number, String)>) {
     if info.channels > 1 && !names.is_empty() {
         info.bands_mut()[channel].class_names = names.clone();
@@ -199,7 +200,7 @@ fn class_names(info: &mut RasterInfo, channel: usize, names: Vec<(Number, String
 pub(super) fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, info: &mut RasterInfo) {
     let domain = metadata.attribute("domain").unwrap_or_default();
     if metadata.attribute("format").is_some_and(|format| format == "xml") {
-        // The content is a document, which has the name that it has in a TIFF file.
+        // The content is an XML document, named as in a TIFF file.
         gdal::put_tag(info, channel, &domain, "doc".into(), metadata.content.trim().into());
         return;
     }
@@ -210,13 +211,13 @@ pub(super) fn apply_metadata(metadata: &XmlElement<'_>, channel: Option<usize>, 
     }
 }
 
-/// Names of the values from 0 on; those of values in gaps are empty.
+/// Names of the values from 0 on; names in gaps are empty.
 pub(super) fn categories(list: &XmlElement<'_>) -> Vec<(Number, String)> {
     let names = list.named("Category").map(|name| name.text());
     (0u64..).map(Number::from).zip(names).collect()
 }
 
-/// Colours of the values from 0 on; nothing if there are none, or more than 16 bits can tell.
+/// Colours of the values from 0 on; `None` if there are none, or more than 2^16.
 pub(super) fn palette(table: &XmlElement<'_>) -> Option<Palette> {
     const MOST: usize = 1 << 16;
     let level = |entry: &XmlElement<'_>, name: &str| entry.attribute(name)?.trim().parse::<u8>().ok();
@@ -228,7 +229,7 @@ pub(super) fn palette(table: &XmlElement<'_>) -> Option<Palette> {
     (1..=MOST).contains(&colours.len()).then_some(Palette { colours })
 }
 
-/// The frame from GDAL's six numbers, which stand in the order c, a, b, f, d, e.
+/// Parses the frame from GDAL's six numbers, in the order c, a, b, f, d, e.
 pub(super) fn geo_transform(path: &Path, text: &str) -> Result<Frame> {
     let numbers: Vec<f64> = text.split(',').map_while(|word| word.trim().parse().ok()).collect();
     let frame = <[f64; 6]>::try_from(numbers).map(|[c, a, b, f, d, e]| Frame::planar([a, b, c, d, e, f]));
@@ -318,7 +319,8 @@ mod tests {
         assert_eq!(points.crs.as_ref().and_then(Crs::numbers), Crs::epsg(4326).numbers());
     }
 
-    /// A sidecar that contradicts the file is reported, whether it is used or not; one that agrees in another form is not.
+    /// A sidecar that contradicts the file is reported, whether it is used or not. One that agrees
+    /// in another form is not.
     #[test]
     fn contradictions_are_reported() {
         let sidecar = |crs: &str, place: &str, nodata: &str| {

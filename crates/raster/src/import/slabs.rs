@@ -1,4 +1,4 @@
-//! A raster as what the tree builder takes.
+//! Adapter from a raster to the slabs of the tree builder.
 
 use std::mem;
 
@@ -8,28 +8,28 @@ use spinney_base::Result;
 use spinney_base::space::{CodeRun, Dimension, Region};
 use spinney_engine::store::{Slab, SlabBoxes, Slabs, WantedCells, depth_for};
 
-/// Cells along a side of the builder's blocks.
+/// Cells per side of the builder's blocks.
 pub(super) const BLOCK: u64 = SlabBoxes::least_side(Dimension::Quad);
-/// Cells along a side of a square, if memory allows: room for several tiles, and for all threads.
+/// Cells per side of a square, if memory allows: several tiles, and enough work for all threads.
 const SIDE: u64 = 1024;
 
-/// A raster slab by slab: bands of 256 rows, or squares in FD order for rasters that can be read anywhere, so
-/// that parts of the tree are finished early and tiles are decoded once.
+/// A raster in slabs: bands of 256 rows, or squares in FD order for rasters that can be read
+/// anywhere. In FD order subtrees are completed early, and tiles are decoded once.
 pub struct RasterSlabs {
     raster: Box<dyn Raster>,
     opacity: Validity,
     squares: SlabBoxes,
-    /// Cells along a side of a square, at most.
+    /// Maximum number of cells per side of a square.
     side: u64,
     next_row: u64,
 }
 
 impl RasterSlabs {
-    /// The slabs of a raster. Squares are chosen so small that two of them fit in `memory` bytes, if
+    /// The slabs of a raster. Squares are so small that two of them fit `memory` bytes, if
     /// possible.
     pub fn new(raster: Box<dyn Raster>, memory: u64) -> RasterSlabs {
         let info = raster.info();
-        // A flag per pixel may come with the samples.
+        // A validity flag per pixel may be added to the samples.
         let cell = info.pixel_bytes() as u64 + 1;
         let mut side = SIDE;
         while side > BLOCK && 2 * side * side * cell > memory {
@@ -41,7 +41,7 @@ impl RasterSlabs {
         RasterSlabs { raster, opacity, squares: SlabBoxes::new(extent, all, side), side, next_row: 0 }
     }
 
-    /// Leaves only squares that have something wanted, of a raster that can be read anywhere.
+    /// Restricts a raster that can be read anywhere to squares with wanted cells.
     pub(super) fn within(self, wanted: WantedCells) -> RasterSlabs {
         RasterSlabs { squares: SlabBoxes::new(self.extent(), wanted, self.side), ..self }
     }

@@ -1,4 +1,4 @@
-//! A raster put on disk, so that it can be read anywhere, or some of its channels without the others.
+//! Temporary copy of a raster on disk, for random access or for access to some of its channels.
 
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -11,18 +11,18 @@ use spinney_base::space::{CodeRun, Dimension, Region};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::store::{SlabBoxes, WantedCells, depth_for};
 
-/// Cells along a side of the squares that are read of rasters for which any order is cheap, if memory allows.
+/// Cells per side of the squares that are read from randomly accessible rasters, if memory allows.
 const SIDE: u64 = 1024;
 
-/// A temporary file of samples: those of a group of channels after those of another, each in blocks of 256 x 256 pixels. Blocks at
-/// the right and lower edges of larger rasters have as many.
+/// A temporary file of samples, one group of channels after the other, each in blocks of 256 x 256
+/// pixels. Blocks at the right and lower edges are padded to that size, except in smaller rasters.
 ///
-/// After the samples there may be a byte per pixel that is 1 where it is VOID by a mask.
+/// The samples may be followed by one byte per pixel, 1 where a mask makes it VOID.
 struct SpillFile {
     file: Mutex<File>,
     folder: PathBuf,
     size: [u64; 2],
-    /// Offset of the mask in the file.
+    /// File offset of the mask.
     mask: u64,
     has_mask: bool,
 }
@@ -32,28 +32,28 @@ pub(super) struct SpilledChannels {
     file: Arc<SpillFile>,
     path: PathBuf,
     info: RasterInfo,
-    /// The channels of each group, and the offset of their samples in the file.
+    /// The channels of each group, and the file offset of their samples.
     groups: Vec<(Vec<usize>, u64)>,
 }
 
 /// A group of channels in a temporary file.
 struct Spilled {
     file: Arc<SpillFile>,
-    /// Offset of the samples.
+    /// File offset of the samples.
     start: u64,
     path: PathBuf,
     info: RasterInfo,
-    /// Rows of one block on their way from the file.
+    /// Read buffer for rows of one block.
     buffer: Vec<u8>,
 }
 
-/// Reads a whole raster, band by band, into an unnamed temporary file in a folder; the result can be read
-/// anywhere.
+/// Copies a whole raster band by band into an unnamed temporary file in a directory. The result
+/// allows random access.
 ///
-/// About `memory` bytes are used for a band, whose height is chosen by it.
+/// Uses about `memory` bytes per band, which determines the band's height.
 ///
 /// # Errors
-/// If the raster cannot be read or the file not be written, or on interruption.
+/// If the raster cannot be read, the file cannot be written, or on cancellation.
 pub fn spill(
     raster: Box<dyn Raster>,
     folder: &Path,
@@ -63,8 +63,8 @@ pub fn spill(
     spill_wanted(raster, None, folder, memory, progress)
 }
 
-/// [`spill`] of what is wanted of a raster: of blocks of which nothing is, the file has nothing, and where any region can be read they
-/// are not read.
+/// Like [`spill`], but only for the wanted cells. Blocks without wanted cells are not written, and
+/// not read if the raster allows random access.
 pub(super) fn spill_wanted(
     raster: Box<dyn Raster>,
     wanted: Option<WantedCells>,
@@ -76,7 +76,8 @@ pub(super) fn spill_wanted(
     Ok(spill_channels(raster, vec![all], wanted, folder, memory, progress)?.group(0))
 }
 
-/// Reads a raster once into a temporary file from which each of some groups of channels can be read without the others: see [`spill_wanted`].
+/// Copies a raster once into a temporary file with separate groups of channels: see
+/// [`spill_wanted`].
 ///
 /// # Errors
 /// Those of [`spill`].
@@ -108,7 +109,7 @@ pub(super) fn spill_channels(
         })
         .collect();
     spilled.mask = start;
-    // What is never written, such as a mask's part without VOID, reads as zeros.
+    // Unwritten ranges read as zeros, such as those of a mask without VOID.
     let file = spilled.file.get_mut().expect("no panic while held");
     file.set_len(start + pixels).map_err(failed(folder))?;
     let (mut part, mut buffer) = (Pixels::default(), Vec::new());
@@ -121,11 +122,12 @@ pub(super) fn spill_channels(
     Ok(SpilledChannels { file: Arc::new(spilled), path, info, groups })
 }
 
-/// Regions that have all that is wanted of a raster, each pixel once, in an order that is cheap. Their samples take about `memory` bytes at most, if they can.
+/// Regions that cover the wanted cells of a raster, each pixel once, in a cheap order. The samples
+/// of a region take at most about `memory` bytes, if possible.
 fn regions(raster: &dyn Raster, wanted: Option<WantedCells>, memory: u64) -> Vec<Region> {
     let info = raster.info();
     let [width, height] = [info.width, info.height];
-    // A flag per pixel may come with the samples.
+    // A validity flag per pixel may be added to the samples.
     let pixel = info.pixel_bytes() as u64 + 1;
     let mut regions = Vec::new();
     if info.order == Order::Anywhere {
@@ -140,7 +142,7 @@ fn regions(raster: &dyn Raster, wanted: Option<WantedCells>, memory: u64) -> Vec
         }
         return regions;
     }
-    // Columns of which something is wanted in a row of blocks.
+    // The range of columns with wanted cells in a row of blocks.
     let columns = |row: u64| {
         let Some(wanted) = wanted else { return Some((0, width)) };
         let mut blocks = (0..width.div_ceil(BLOCK))
@@ -167,7 +169,8 @@ fn regions(raster: &dyn Raster, wanted: Option<WantedCells>, memory: u64) -> Vec
     regions
 }
 
-/// Cuts a region so that the pixels of each take no more than `memory` bytes, if they can: first into rows, then these.
+/// Divides a region so that the pixels of each fragment take at most `memory` bytes, if possible:
+/// first into rows, then along these.
 fn divide(region: Region, pixel: u64, memory: u64, regions: &mut Vec<Region>) {
     let pixels = (memory / pixel).max(1);
     let width = region.width.min(pixels);
@@ -189,10 +192,10 @@ fn columns(bytes: &[u8], row: usize, columns: std::ops::Range<usize>) -> impl It
 }
 
 impl SpilledChannels {
-    /// The raster of a group of channels, by its number.
+    /// The raster of a group of channels, by its index.
     pub(super) fn group(&self, number: usize) -> Box<dyn Raster> {
         let (channels, start) = &self.groups[number];
-        // (All have the type that the channels have in common.)
+        // All groups have the common type of the channels.
         let info = RasterInfo { sample: self.info.sample, ..self.info.of_channels(channels) };
         let (file, path) = (Arc::clone(&self.file), self.path.clone());
         Box::new(Spilled { file, start: *start, path, info, buffer: Vec::new() })
@@ -205,14 +208,14 @@ impl SpillFile {
         self.size.map(|side| side.clamp(1, BLOCK))
     }
 
-    /// Pixels of all blocks.
+    /// Pixels of all blocks, with padding.
     fn pixels(&self) -> u64 {
         let [width, height] = self.block();
         self.size.map(|side| side.div_ceil(BLOCK)).iter().product::<u64>() * width * height
     }
 
-    /// The blocks that a region touches: what they have of it, and where that part's first whole row is in
-    /// the file, in pixels. Rows of a block are always as long as a block.
+    /// The blocks that a region intersects: the intersection, and the file offset in pixels of the
+    /// block's row where it begins. Block rows always have the full block width.
     fn parts(&self, region: Region) -> impl Iterator<Item = (Region, u64)> + use<> {
         let (across, [width, height]) = (self.size[0].div_ceil(BLOCK), self.block());
         let columns = region.x / BLOCK..region.right().div_ceil(BLOCK);
@@ -223,7 +226,8 @@ impl SpillFile {
         })
     }
 
-    /// Writes what is wanted of a region's pixels, group by group. The region begins and ends at edges of blocks in each row, or the file has its row from before.
+    /// Writes the wanted pixels of a region, group by group. The region must begin and end at block
+    /// edges in each row, or the file must have the row already.
     fn write(
         &mut self,
         region: Region,
@@ -267,7 +271,8 @@ impl SpillFile {
         Ok(())
     }
 
-    /// Writes a part of a region: `start` is the offset of samples of `size` bytes per pixel in the file, and `first` the pixel there.
+    /// Writes the intersection of a region with a block. `start` is the file offset of samples with
+    /// `size` bytes per pixel, and `first` the index of the first pixel there.
     fn write_part(
         &mut self,
         (start, first, size): (u64, u64, usize),
@@ -298,7 +303,7 @@ impl SpillFile {
         file.write_all(buffer)
     }
 
-    /// Reads what is `size` bytes per pixel and starts at `start` in the file.
+    /// Reads a region of data with `size` bytes per pixel that begin at `start` in the file.
     fn read_all(
         &self,
         start: u64,
@@ -309,7 +314,7 @@ impl SpillFile {
     ) -> io::Result<()> {
         let mut file = self.file.lock().expect("no panic while held");
         for (part, first) in self.parts(region) {
-            // A block's rows are read whole: that is one piece of the file.
+            // Whole rows of a block are read, since they are contiguous in the file.
             let row = self.block()[0] as usize * size;
             buffer.resize(part.height as usize * row, 0);
             file.seek(SeekFrom::Start(start + first * size as u64))?;
@@ -363,7 +368,7 @@ mod tests {
         let (width, height) = (700, 520);
         let info = RasterInfo::plain([width, height], SampleType::I16, 1);
         let bytes: Vec<u8> = (0..width * height * 2).map(|i| (i * i / 7) as u8).collect();
-        // The mask has gaps only far down, so that the first bands come without any.
+        // The mask has gaps only far down, so the first bands have none.
         let valid: Vec<bool> = (0..width * height).map(|i| i < 500 * width || i % 3 > 0).collect();
         let folder = tempfile::tempdir().unwrap();
         for (memory, mask) in [(0, None), (30_000, Some(&valid)), (1 << 30, Some(&valid))] {

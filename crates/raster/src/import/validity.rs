@@ -1,23 +1,23 @@
-//! Pixels that are VOID by their samples: opacity, nodata and NaN.
+//! Detection of VOID pixels by their samples: opacity, nodata and NaN.
 
 use super::{Pixels, RasterInfo, Transparent};
 use spinney_base::value::{Number, SampleType, ValueType};
 
-/// Tells VOID pixels from others by their samples.
+/// Detects VOID pixels by their samples.
 pub(super) struct Validity {
     sample: SampleType,
     channels: usize,
     alpha: Option<usize>,
-    /// Whether a pixel of zeros, which has neither colour nor opacity, is VOID.
+    /// Whether a pixel of zeros, with neither colour nor opacity, is VOID.
     zero: bool,
-    /// A pixel whose channels all have the nodata number.
+    /// A pixel with the nodata number in all channels.
     nodata: Option<Vec<u8>>,
-    /// Whether a sample that is not a number makes a pixel VOID.
+    /// Whether a NaN sample makes a pixel VOID.
     nan: bool,
 }
 
 impl Validity {
-    /// By opacity alone: for what leaves nodata and NaN to others.
+    /// By opacity only; nodata and NaN are left to the caller.
     pub(super) fn by_opacity(info: &RasterInfo) -> Validity {
         let RasterInfo { sample, channels, alpha, transparent, .. } = *info;
         let zero = alpha.is_some() && transparent == Transparent::Masked;
@@ -32,7 +32,8 @@ impl Validity {
         Validity { nodata, nan: info.sample.is_float(), ..Validity::by_opacity(info) }
     }
 
-    /// Adds what the samples say to the flags; there are none afterwards only if no pixel is VOID.
+    /// Combines the flags with the validity of the samples. Afterwards flags are absent only if no
+    /// pixel is VOID.
     pub(super) fn apply(&self, pixels: &mut Pixels) {
         if self.alpha.is_none() && !self.zero && self.nodata.is_none() && !self.nan {
             return;
@@ -70,18 +71,20 @@ impl Validity {
     }
 }
 
-/// A number as a little-endian sample; `None` if it is none of an integer type. Floating samples round it.
+/// A number as a little-endian sample, rounded in floating-point types; `None` if an integer type
+/// cannot hold it.
 pub(super) fn sample_bytes(number: Number, sample: SampleType) -> Option<Vec<u8>> {
     let fits = sample.is_float() || sample.can_hold(number);
     let value = ValueType::new(sample, 1).nearest_numbers(|_| number);
     fits.then(|| value.to_bytes()[..sample.size()].to_vec())
 }
 
-/// The number that samples of a type have instead of this one: floating samples round it.
+/// The number as samples of a type store it, rounded in floating-point types; `None` if an integer
+/// type cannot hold it.
 pub(crate) fn as_stored(number: Number, sample: SampleType) -> Option<Number> {
     match sample {
         SampleType::F32 => Some(sample.nearest(number)),
-        // NaN is equal to nothing, but may well be meant.
+        // NaN is not equal to itself, but is a valid nodata number.
         SampleType::F64 => Some(number.to_f64().into()),
         _ => sample_bytes(number, sample).map(|_| number),
     }

@@ -1,4 +1,5 @@
-//! World files, six numbers in a text file beside a picture that tell where it lies, and the `.prj` files beside them.
+//! World files: text files of six numbers that georeference the image next to them, and
+//! accompanying `.prj` files.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -7,10 +8,11 @@ use spinney_base::io::{FileAccess, beside, without_query};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// Bytes of a `.prj` file that are read.
+/// Maximum bytes read of a `.prj` file.
 const MOST: u64 = 4 << 20;
 
-/// Completes a picture's frame: its map from a world file, its coordinate system from the `.prj` file beside that.
+/// Completes an image's frame: the transform from a world file, the coordinate system from the
+/// accompanying `.prj` file.
 pub(super) fn place(picture: &Path, access: &FileAccess, frame: &mut Frame) -> Result<()> {
     if !frame.is_identity() {
         return Ok(());
@@ -28,7 +30,7 @@ pub(super) fn place(picture: &Path, access: &FileAccess, frame: &mut Frame) -> R
     Ok(())
 }
 
-/// The text of a file, if there is one, and its path.
+/// Reads a text file, if it exists; also returns its path.
 fn read(path: PathBuf, access: &FileAccess) -> Result<Option<(PathBuf, String)>> {
     let Some(file) = access.find_companion(&path)? else { return Ok(None) };
     let mut text = Vec::new();
@@ -36,7 +38,7 @@ fn read(path: PathBuf, access: &FileAccess) -> Result<Option<(PathBuf, String)>>
     Ok(Some((path, String::from_utf8_lossy(&text).into_owned())))
 }
 
-/// The coordinate system of a definition in a file; nothing of an empty one.
+/// Parses a coordinate system definition; `None` if it is empty.
 pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
     if definition.trim().is_empty() {
         return Ok(None);
@@ -47,7 +49,7 @@ pub(super) fn crs(path: &Path, definition: &str) -> Result<Option<Crs>> {
     })
 }
 
-/// The frame of a picture from the world file beside it, if there is one.
+/// The frame from the world file next to an image, if there is one.
 fn frame_beside(picture: &Path, access: &FileAccess) -> Result<Option<Frame>> {
     for path in candidates(picture) {
         if let Some(file) = access.find_companion(&path)? {
@@ -59,7 +61,8 @@ fn frame_beside(picture: &Path, access: &FileAccess) -> Result<Option<Frame>> {
     Ok(None)
 }
 
-/// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`; next to local files also with extensions in the other case, as `a.JGW`.
+/// `a.jpgw`, `a.jgw`, `a.wld` and `a.wf` for `a.jpg`; for local files also with extensions in the
+/// other case, as `a.JGW`.
 pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
     let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
     let mut endings = vec![format!("{extension}w"), "wld".into(), "wf".into()];
@@ -69,8 +72,9 @@ pub(super) fn candidates(picture: &Path) -> Vec<PathBuf> {
     with_cases(picture, &endings)
 }
 
-/// The files next to a raster with these extensions, also in lower and in upper case: systems whose file names have no case write either. (Next to remote
-/// files each name would be a request: there, extensions have the case of the raster's.)
+/// The files next to a raster with these extensions. Lower and upper case are both listed, since
+/// systems with case-insensitive file names write either. (For remote files each name costs a
+/// request, so only the case of the raster's extension is listed.)
 fn with_cases(picture: &Path, endings: &[String]) -> Vec<PathBuf> {
     let extension = without_query(picture).extension().unwrap_or_default().to_string_lossy();
     let is_upper = extension.chars().any(char::is_uppercase);
@@ -91,7 +95,7 @@ fn with_cases(picture: &Path, endings: &[String]) -> Vec<PathBuf> {
     paths
 }
 
-/// The files next to a raster that can have its coordinate system.
+/// Files next to a raster that may have its coordinate system.
 pub(super) fn prj_files(picture: &Path) -> Vec<PathBuf> {
     with_cases(picture, &["prj".into()])
 }

@@ -1,36 +1,37 @@
-//! Elements of XML documents, as far as GDAL's need it: no document is built, elements are slices of the text, and
-//! nothing is expanded but the five entities of XML and numbers of characters. What is not well-formed ends the search.
+//! Minimal XML parser, sufficient for GDAL's documents. It builds no document: elements are slices
+//! of the text. It expands only the five predefined entities and character references. Malformed
+//! markup ends the search.
 
 /// An element of a document.
 #[derive(Clone, Copy)]
 pub(super) struct XmlElement<'a> {
     pub(super) name: &'a str,
-    /// The part of the tag behind the name.
+    /// The section of the tag after the name.
     attributes: &'a str,
     /// The text between the tags.
     pub(super) content: &'a str,
 }
 
-/// A piece of markup.
+/// A markup token.
 enum Markup<'a> {
     /// A start tag: the text between its brackets.
     Start(&'a str),
     /// The tag of an empty element: the text between its brackets.
     Empty(&'a str),
     End,
-    /// Text that nothing is to be expanded in.
+    /// Verbatim text (CDATA), without entities.
     Data(&'a str),
     /// Comments, instructions and declarations.
     Other,
 }
 
 impl<'a> XmlElement<'a> {
-    /// A document as the element around its root.
+    /// A document as an element whose child is the root.
     pub(super) fn document(text: &'a str) -> XmlElement<'a> {
         XmlElement { name: "", attributes: "", content: text }
     }
 
-    /// The elements directly in this one.
+    /// The child elements.
     pub(super) fn children(&self) -> impl Iterator<Item = XmlElement<'a>> + use<'a> {
         let content = self.content;
         let mut at = 0;
@@ -51,7 +52,7 @@ impl<'a> XmlElement<'a> {
         })
     }
 
-    /// The elements of a name directly in this one.
+    /// The child elements of this name.
     pub(super) fn named(&self, name: &'static str) -> impl Iterator<Item = XmlElement<'a>> + use<'a> {
         self.children().filter(move |child| child.name == name)
     }
@@ -75,7 +76,7 @@ impl<'a> XmlElement<'a> {
         }
     }
 
-    /// The text in this element, and in those that are in it.
+    /// The text of this element and its descendants.
     pub(super) fn text(&self) -> String {
         let (mut text, mut at) = (String::new(), 0);
         while let Some((start, markup, end)) = next_markup(self.content, at) {
@@ -89,8 +90,8 @@ impl<'a> XmlElement<'a> {
     }
 }
 
-/// The first markup from `at` on: where it starts, what it is, and where it ends. Nothing if there is none, or it
-/// has no end.
+/// Finds the first markup from `at` on: its start, the token, and its end. `None` if there is none,
+/// or it is unterminated.
 fn next_markup(text: &str, at: usize) -> Option<(usize, Markup<'_>, usize)> {
     const DATA: &str = "<![CDATA[";
     let start = at + text[at..].find('<')?;
@@ -115,7 +116,7 @@ fn next_markup(text: &str, at: usize) -> Option<(usize, Markup<'_>, usize)> {
     Some((start, markup, start + length))
 }
 
-/// Where a start tag's closing bracket stands, which may also be in an attribute's value.
+/// Index of the closing bracket of a start tag. Brackets in attribute values are skipped.
 fn end_of_tag(tag: &str) -> Option<usize> {
     let mut quote = None;
     tag.bytes().position(|byte| {
@@ -129,7 +130,7 @@ fn end_of_tag(tag: &str) -> Option<usize> {
     })
 }
 
-/// Where the end tag of an element starts and ends whose content begins at `at`.
+/// Finds start and end of an element's end tag; the element's content begins at `at`.
 fn end_of_element(text: &str, mut at: usize) -> Option<(usize, usize)> {
     let mut open = 1u64;
     loop {
@@ -144,9 +145,9 @@ fn end_of_element(text: &str, mut at: usize) -> Option<(usize, usize)> {
     }
 }
 
-/// A text with characters in place of entities; those that are unknown stay as they are.
+/// Replaces entities by characters; unknown entities are kept.
 pub(super) fn unescaped(text: &str) -> String {
-    /// Characters between `&` and `;`, at most.
+    /// Maximum number of characters between `&` and `;`.
     const LONGEST: usize = 8;
     let (mut out, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(start) = rest.find('&') {
@@ -211,7 +212,7 @@ mod tests {
         {
             assert_eq!(XmlElement::document(text).children().count(), 0, "{text}");
         }
-        // As deep as it likes: nothing recurs.
+        // Nesting may be arbitrarily deep: the parser does not recurse.
         let deep = "<A>".repeat(100_000) + &"</A>".repeat(100_000);
         assert_eq!(XmlElement::document(&deep).children().count(), 1);
     }

@@ -1,4 +1,4 @@
-//! Tiles as the bytes of a file: drawn, painted and encoded.
+//! Draws, paints and encodes tiles.
 
 use std::collections::HashMap;
 use std::str::FromStr;
@@ -12,24 +12,24 @@ use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Result};
 use spinney_tiles::{TileContent, TileId, TilePainter, TilePixels, TileSamples, TileSource};
 
-/// The kind of file that each tile is.
+/// File format of the tiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum TileFormat {
-    /// Indexed, grey or colours, with opacity where there is some.
+    /// Indexed, grey or RGB, with opacity if needed.
     #[default]
     Png,
-    /// Without loss; with loss if a quality is asked for and the program was built with libwebp.
+    /// Lossless; lossy with a quality, if the program was built with libwebp.
     Webp,
-    /// With loss, and without opacity: what is transparent becomes white.
+    /// Lossy and opaque: transparent pixels become white.
     Jpeg,
-    /// The samples as they are, as an array of `NumPy`.
+    /// Raw samples as a `NumPy` array.
     Npy,
-    /// The samples as they are, as a TIFF file of one strip.
+    /// Raw samples as a TIFF file with one strip.
     Tiff,
 }
 
 impl TileFormat {
-    /// The end of a file's name.
+    /// The file name extension.
     pub fn extension(self) -> &'static str {
         match self {
             TileFormat::Png => "png",
@@ -40,7 +40,7 @@ impl TileFormat {
         }
     }
 
-    /// Whether tiles have samples, which nobody paints.
+    /// Whether tiles are samples, which are not painted.
     pub fn is_array(self) -> bool {
         matches!(self, TileFormat::Npy | TileFormat::Tiff)
     }
@@ -61,18 +61,18 @@ impl FromStr for TileFormat {
     }
 }
 
-/// How tiles are encoded.
+/// Encoding of tiles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TileEncoding {
-    /// The kind of file.
+    /// File format of the tiles.
     pub format: TileFormat,
-    /// Effort of PNG, from 1 (fast) to 9 (small); a good compromise if nothing is said.
+    /// Effort of PNG compression, from 1 (fast) to 9 (small); a compromise by default.
     pub png_effort: Option<u8>,
-    /// Quality of JPEG and of WebP with loss, 1 to 100.
+    /// Quality of JPEG and of lossy WebP, 1 to 100.
     pub quality: Option<u8>,
 }
 
-/// Quality of JPEG if nothing is said.
+/// Default quality of JPEG.
 const QUALITY: u8 = 85;
 
 /// The bytes of a tile, and their hash.
@@ -89,7 +89,7 @@ impl Encoded {
     }
 }
 
-/// Draws, paints and encodes tiles, on any number of threads.
+/// Draws, paints and encodes tiles; shared by all threads.
 pub(super) struct TileEncoder<'a> {
     source: &'a dyn TileSource,
     painter: &'a TilePainter,
@@ -98,11 +98,11 @@ pub(super) struct TileEncoder<'a> {
     /// The value of VOID cells in samples; `None` if every number may be a value.
     void: Option<Value>,
     scratch: Pool<Scratch>,
-    /// Tiles of one value, by that.
+    /// Cached tiles of a single value, by the value.
     uniform: Mutex<HashMap<Value, Arc<Encoded>>>,
 }
 
-/// Values whose tiles are remembered.
+/// Maximum number of cached uniform tiles.
 const MAX_UNIFORM: usize = 4096;
 
 struct Scratch {
@@ -128,12 +128,12 @@ impl<'a> TileEncoder<'a> {
         Ok(TileEncoder { source, painter, encoding, side, void, scratch, uniform })
     }
 
-    /// Cells around a tile that its bytes depend on.
+    /// Width of the margin of cells that a tile's bytes depend on.
     pub(super) fn margin(&self) -> usize {
         if self.encoding.format.is_array() { 0 } else { self.painter.margin() }
     }
 
-    /// The tile of a run; `None` if nothing is in it, as only drawing tells.
+    /// Encodes the tile of a run, or returns `None` if it is empty, which only drawing shows.
     pub(super) fn encode(&self, run: &TileRun) -> Result<Option<Arc<Encoded>>> {
         let tile = TileId::from_number(run.first).expect("a run of tiles");
         let Some(value) = run.uniform else {
@@ -174,7 +174,7 @@ impl<'a> TileEncoder<'a> {
         self.file(tile, scratch).map(Some)
     }
 
-    /// The bytes of a tile whose samples are there.
+    /// Encodes a tile whose samples are in `scratch`.
     fn file(&self, tile: TileId, scratch: &mut Scratch) -> Result<Encoded> {
         let side = self.side;
         let Scratch { samples, pixels, png } = scratch;
@@ -216,11 +216,12 @@ impl<'a> TileEncoder<'a> {
     }
 }
 
-/// The file of one tile of `side` pixels a side, in which VOID cells of samples have a number (see [`void_number`](crate::void_number)); `None` where nothing is there.
+/// Encodes one tile with `side` pixels per side, or returns `None` if it is empty. VOID cells of
+/// samples have the number `void` (see [`void_number`](crate::void_number)).
 ///
 /// # Errors
-/// If some samples are VOID and have no number.
-/// If the source cannot be read, or the tile cannot be encoded as asked.
+/// If samples are VOID and have no number, the source cannot be read, or the tile cannot be encoded
+/// as requested.
 pub fn encode_tile(
     source: &dyn TileSource,
     painter: &TilePainter,
@@ -236,7 +237,7 @@ pub fn encode_tile(
     Ok(encoder.with_scratch(|scratch| encoder.drawn(tile, scratch))?.map(|made| made.bytes))
 }
 
-/// A JPEG file; what is transparent is seen before white.
+/// Encodes a JPEG file; transparent pixels are blended with white.
 fn jpeg(pixels: &[[u8; 4]], side: usize, quality: u8) -> Result<Vec<u8>, String> {
     let mut out = Vec::new();
     let encoder = jpeg_encoder::Encoder::new(&mut out, quality);
@@ -244,7 +245,8 @@ fn jpeg(pixels: &[[u8; 4]], side: usize, quality: u8) -> Result<Vec<u8>, String>
     Ok(out)
 }
 
-/// Pixels seen before white. (The crate's own pictures would have its encoder compiled for each kind of colours.)
+/// Pixels blended with white. (The image types of the JPEG crate would have its encoder compiled
+/// for each colour type.)
 struct BeforeWhite<'a> {
     pixels: &'a [[u8; 4]],
     side: usize,
@@ -278,7 +280,7 @@ impl jpeg_encoder::ImageBuffer for BeforeWhite<'_> {
     }
 }
 
-/// A WebP file, without loss if no quality is asked for.
+/// Encodes a WebP file, lossless unless a quality is given.
 fn webp(pixels: &[[u8; 4]], side: usize, quality: Option<u8>) -> Result<Vec<u8>, String> {
     #[cfg(feature = "libwebp")]
     if let Some(quality) = quality {
@@ -300,7 +302,7 @@ fn webp(pixels: &[[u8; 4]], side: usize, quality: Option<u8>) -> Result<Vec<u8>,
     Ok(out)
 }
 
-/// The failure of tiles of samples some of which are VOID, without a number for that.
+/// The error for tiles of samples with VOID cells that have no number.
 pub(super) fn no_number(value: ValueType) -> Error {
     let found = format!(
         "VOID cells where every number of {} is a value, in files without a mask",

@@ -1,4 +1,5 @@
-//! The journal of an export: what was written so far, in a file, so that it takes no memory and can be gone on with.
+//! The journal of an export. It lists what was written so far in a file, so that it takes no memory
+//! and the export can be resumed.
 
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
@@ -7,7 +8,7 @@ use std::path::{Path, PathBuf};
 use spinney_base::io::open_regular;
 use spinney_base::{Error, Result};
 
-/// Tiles that are equal and follow each other, and where their bytes are.
+/// Consecutive equal tiles, and the location of their bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Entry {
     pub(super) first: u64,
@@ -18,16 +19,16 @@ pub(super) struct Entry {
     pub(super) hash: u128,
 }
 
-/// A point from which an export can go on.
+/// A point from which an export can be resumed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Checkpoint {
-    /// Runs of the walk that were done.
+    /// Runs of the tile traversal that are done.
     pub(super) runs: u64,
-    /// Bytes of tiles.
+    /// Bytes of tiles written.
     pub(super) bytes: u64,
 }
 
-/// Bytes of a record: an entry, or a checkpoint, which has `u64::MAX` for its first tile.
+/// Bytes of a record: an entry, or a checkpoint, whose first tile is `u64::MAX`.
 const RECORD: usize = 44;
 const MAGIC: [u8; 8] = *b"spinney\x01";
 
@@ -38,23 +39,24 @@ pub(super) struct Journal {
     /// Bytes before the first record.
     start: u64,
     records: u64,
-    /// Whether the file has a name and stays.
+    /// Whether the file has a name and outlives the process.
     is_kept: bool,
 }
 
 impl Journal {
-    /// A journal that goes with the process, in a folder.
+    /// A temporary journal in a directory, removed when the process ends.
     pub(super) fn temporary(folder: &Path) -> Result<Journal> {
         let file = tempfile::tempfile_in(folder).map_err(Error::io(folder, "make a temporary file"))?;
         let out = BufWriter::with_capacity(1 << 16, file);
         Ok(Journal { path: folder.to_path_buf(), out, start: 0, records: 0, is_kept: false })
     }
 
-    /// Starts a journal of an export that `making` describes, or goes on with the one that is there: hands out its entries
-    /// up to the last checkpoint, and returns that. With `anew`, one of another export is started over.
+    /// Starts the journal of an export that `making` describes, or resumes an existing one. Passes
+    /// the entries up to the last checkpoint to `entry`, and returns that checkpoint. With `anew`,
+    /// the existing journal is overwritten, also if it belongs to another export.
     ///
     /// # Errors
-    /// If the one that is there is of another export, or no journal.
+    /// If the existing file is the journal of another export, or no journal.
     pub(super) fn resumable(
         path: &Path,
         making: &str,
@@ -79,7 +81,7 @@ impl Journal {
             return Err(other_export(path));
         }
         if is_same && length >= start && !anew {
-            // What is behind the last checkpoint does not count.
+            // Records after the last checkpoint are dropped.
             let mut input = BufReader::new(&file);
             let mut all = 0;
             let mut record = [0; RECORD];
@@ -99,7 +101,7 @@ impl Journal {
                 }
             }
         } else {
-            // (A journal that is shorter has nothing that matters.)
+            // A journal shorter than its head has no content.
             let started = file.set_len(0).and_then(|()| file.seek(SeekFrom::Start(0)));
             started.and_then(|_| file.write_all(&head)).map_err(failed())?;
         }
@@ -119,7 +121,8 @@ impl Journal {
         self.write(&record)
     }
 
-    /// Says that an export can go on from here; what it has written so far must be durable already.
+    /// Marks a point from which the export can be resumed. Everything written so far must already
+    /// be durable.
     pub(super) fn checkpoint(&mut self, at: Checkpoint) -> Result<()> {
         if !self.is_kept {
             return Ok(());
@@ -139,7 +142,7 @@ impl Journal {
         self.out.write_all(record).map_err(Error::io(&self.path, "write the journal"))
     }
 
-    /// Hands out all entries in order.
+    /// Yields all entries in order.
     pub(super) fn entries(&mut self, mut entry: impl FnMut(Entry) -> Result<()>) -> Result<()> {
         let failed = || Error::io(&self.path, "read the journal");
         self.out.flush().map_err(failed())?;
@@ -156,19 +159,19 @@ impl Journal {
         Ok(())
     }
 
-    /// Removes the journal of an export that is finished.
+    /// Removes the journal of a finished export.
     pub(super) fn remove(self) -> io::Result<()> {
         if self.is_kept { std::fs::remove_file(&self.path) } else { Ok(()) }
     }
 }
 
-/// The refusal to go on with what is of another export.
+/// The error if the file belongs to another export.
 pub(super) fn other_export(path: &Path) -> Error {
     let advice = "remove it to start anew, or give the source and the options with which it was started";
     Error::unsupported(path, "going on with an export of another source or with other options", advice)
 }
 
-/// The refusal to take over what no export has left.
+/// The error if the file was not left by an export, so that it is not overwritten.
 pub(super) fn not_ours(path: &Path) -> Error {
     let advice = "no export has left it, and it stays as it is; move it away, or choose another name";
     Error::unsupported(path, "going on with what is in the place of an export that was interrupted", advice)

@@ -1,5 +1,6 @@
-//! `MBTiles`, version 1.3: an archive of tiles as an `SQLite` database. Contents stand in `images` once, by their hash, and `map` says
-//! which tiles have them; `tiles` is a view of both. Rows count from the south, as TMS has it.
+//! `MBTiles`, version 1.3: an archive of tiles as an `SQLite` database. The table `images` has each
+//! content once, by its hash, and `map` assigns contents to tiles; `tiles` is a view of both. Rows
+//! are counted from the south, as in TMS.
 
 use std::path::{Path, PathBuf};
 
@@ -15,7 +16,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 use spinney_tiles::{MAX_ZOOM, TileId};
 
-/// The tables. The number of the application is that which `MBTiles` has ("MPBX").
+/// The tables. The application ID is that of `MBTiles` ("MPBX").
 const SCHEMA: &str = "
 PRAGMA application_id = 0x4d504258;
 CREATE TABLE metadata (name TEXT NOT NULL PRIMARY KEY, value TEXT) WITHOUT ROWID;
@@ -26,10 +27,10 @@ CREATE VIEW tiles AS SELECT map.zoom_level AS zoom_level, map.tile_column AS til
   images.tile_data AS tile_data FROM map JOIN images ON images.tile_id = map.tile_id;
 ";
 
-/// The row of `metadata` that describes an export which is not finished.
+/// The row of `metadata` that describes an unfinished export.
 const PARTIAL: &str = "spinney_partial";
 
-/// Places of the counter of changes in a database's header (file format of `SQLite`, 1.3.7).
+/// Offsets of the change counters in a database's header (`SQLite` file format, 1.3.7).
 const CHANGE_COUNTERS: [u64; 2] = [24, 92];
 
 /// An archive that is being written.
@@ -38,7 +39,7 @@ pub(super) struct MbtilesSink {
     path: PathBuf,
     connection: Connection,
     runs: u64,
-    /// Whether it stays if the export is interrupted.
+    /// Whether it is kept if the export is interrupted.
     is_kept: bool,
 }
 
@@ -59,7 +60,7 @@ fn failed(path: &Path, doing: &'static str) -> impl FnOnce(rusqlite::Error) -> E
 }
 
 impl MbtilesSink {
-    /// Starts an archive of an export that `provenance` describes, or goes on with one that was interrupted.
+    /// Starts the archive of an export that `provenance` describes, or resumes an interrupted one.
     pub(super) fn create(
         path: &Path,
         provenance: &str,
@@ -74,7 +75,7 @@ impl MbtilesSink {
         if resume {
             check_own(&connection, &place)?;
         }
-        // A file that nobody sees yet needs no journal of the database's own, unless it is to survive interruptions.
+        // A file without a name needs no journal of `SQLite`, unless the export is resumable.
         let safety = if resume { "NORMAL" } else { "OFF" };
         let settings = format!(
             "PRAGMA page_size = 4096; PRAGMA journal_mode = {}; PRAGMA synchronous = {safety}; \
@@ -118,7 +119,7 @@ impl MbtilesSink {
     }
 }
 
-/// Fails, without changing anything, unless a database is empty or of an export that was interrupted.
+/// Fails without changing anything unless a database is empty or has an interrupted export.
 fn check_own(connection: &Connection, path: &Path) -> Result<()> {
     let ask = |question: &str| connection.query_row(question, [], |row| row.get::<_, i64>(0));
     let is_empty = ask("PRAGMA page_count") == Ok(0);
@@ -126,17 +127,17 @@ fn check_own(connection: &Connection, path: &Path) -> Result<()> {
     if is_empty || ask(&rows) == Ok(1) { Ok(()) } else { Err(not_ours(path)) }
 }
 
-/// The name of a content in `images`.
+/// Key of a content in `images`.
 fn name_of(hash: u128) -> String {
     format!("{hash:032x}")
 }
 
-/// The row of a tile from the south.
+/// Row of a tile, counted from the south.
 fn tms_row(tile: TileId) -> u32 {
     (1 << tile.zoom) - 1 - tile.row
 }
 
-/// Writes a content unless it is there, and the tiles that have it.
+/// Inserts a content, unless it exists, and the tiles that have it.
 fn insert(
     connection: &Connection,
     tiles: impl Iterator<Item = TileId>,
@@ -153,7 +154,7 @@ fn insert(
     Ok(())
 }
 
-/// Hands out number and hash of every tile of an archive, and counts contents that no tile has.
+/// Yields number and hash of every tile of an archive.
 fn each_tile(
     connection: &Connection,
     mut each: impl FnMut(u64, u128) -> Result<()>,
@@ -194,7 +195,7 @@ impl TileSink for MbtilesSink {
     }
 
     fn checkpoint(&mut self) -> Result<()> {
-        // (The version is a number of 32 bits; an export of more runs goes on from an earlier one.)
+        // The user version has 32 bits; an export with more runs resumes from an earlier one.
         let runs = i32::try_from(self.runs).unwrap_or(i32::MAX);
         if !self.is_kept || runs == i32::MAX {
             return Ok(());
@@ -222,8 +223,8 @@ impl TileSink for MbtilesSink {
         let MbtilesSink { output, path, connection, .. } = *self;
         connection.close().map_err(|(_, error)| failed(&path, "close")(error))?;
         stored.bytes = std::fs::metadata(&path).map_err(Error::io(&path, "read"))?.len();
-        // The same bytes however often the export was interrupted: the file's counter of changes, and for which of them the size in
-        // the header counts.
+        // Reset the header's change counter and the counter that its file size is valid for. The
+        // bytes are then the same no matter how often the export was resumed.
         let (mut output, counter) = (output, 1u32.to_be_bytes());
         for place in CHANGE_COUNTERS {
             output.overwrite(place, &counter).map_err(Error::io(output.path(), "write"))?;
@@ -233,7 +234,7 @@ impl TileSink for MbtilesSink {
     }
 }
 
-/// An archive in which tiles get replaced: all at once, or none.
+/// An archive in which tiles are replaced: all at once, or none.
 pub(super) struct MbtilesEdit {
     path: PathBuf,
     connection: Connection,
@@ -245,7 +246,7 @@ impl MbtilesEdit {
     pub(super) fn open(path: &Path) -> Result<MbtilesEdit> {
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let connection = Connection::open_with_flags(path, flags).map_err(failed(path, "open"))?;
-        // (Whoever comes second does not wait: what it has read of the tree may be older by then.)
+        // Do not wait for a lock: the state of the tree that was read may be outdated by then.
         connection.busy_timeout(std::time::Duration::ZERO).map_err(failed(path, "open"))?;
         connection.execute_batch("BEGIN IMMEDIATE").map_err(failed(path, "lock"))?;
         let own = own(&connection, path)?;
@@ -286,7 +287,7 @@ impl TileEdit for MbtilesEdit {
     fn finish(self: Box<Self>, about: &About, _: &dyn Progress) -> Result<TileArchiveSummary> {
         let wrong = || failed(&self.path, "write");
         let run = |statements: &str| self.connection.execute_batch(statements).map_err(wrong());
-        // (Contents that no tile has any more.)
+        // Contents that no tile refers to any more.
         run("DELETE FROM images WHERE tile_id NOT IN (SELECT tile_id FROM map); DELETE FROM metadata")?;
         for (name, value) in about.mbtiles_rows(self.own.tiles, self.digest) {
             let inserted = self.connection.execute("INSERT INTO metadata VALUES (?1, ?2)", [name, value]);
@@ -302,7 +303,7 @@ impl TileEdit for MbtilesEdit {
     }
 }
 
-/// Description of how an archive was made.
+/// Reads Spinney's own metadata of an archive.
 fn own(connection: &Connection, path: &Path) -> Result<Own> {
     let text: Option<String> = connection
         .query_row("SELECT value FROM metadata WHERE name = 'spinney'", [], |row| row.get(0))
@@ -315,17 +316,17 @@ fn own(connection: &Connection, path: &Path) -> Result<Own> {
     })
 }
 
-/// Findings that are listed at most.
+/// Maximum number of reported findings.
 const MAX_FINDINGS: usize = 100;
 
-/// Checks the database, that all tiles are there, and that contents have the hashes that are their names.
+/// Checks the database, that all tiles exist, and that contents match the hashes in their keys.
 ///
 /// # Errors
-/// If it cannot be read, is no archive of ours, or on interruption.
+/// If the archive cannot be read or was not written by Spinney, or on cancellation.
 pub(super) fn verify(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags).map_err(failed(path, "open"))?;
-    // A schema of somebody else must not run anything.
+    // The schema is untrusted: it must not execute anything.
     let set = connection
         .execute_batch("PRAGMA trusted_schema = OFF; PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0");
     set.map_err(failed(path, "read"))?;

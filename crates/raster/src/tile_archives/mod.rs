@@ -1,8 +1,11 @@
-//! Archives and folders of tiles: pictures or arrays of squares of the world, zoom by zoom, as web maps ask for them.
+//! Archives and directories of map tiles: images or arrays of squares of the world at each zoom, as
+//! web maps request them.
 //!
-//! [`export_tiles`] walks down from the root (`walk.rs`): what is empty is skipped, and of what is uniform one tile is drawn,
-//! however many there are. All others are drawn from a [`TileSource`], painted by a [`TilePainter`] and encoded, on all threads,
-//! and handed to the archive in the order of their numbers, so that the bytes do not depend on threads.
+//! [`export_tiles`] traverses the tiles from the root down (`walk.rs`). Empty regions are skipped,
+//! and a uniform region is drawn as a single tile, regardless of the number of tiles in it. All
+//! other tiles are read from a [`TileSource`], painted by a [`TilePainter`] and encoded, on all
+//! threads. The archive receives them in the order of their numbers, so its bytes do not depend on
+//! threads.
 //!
 //! ```
 //! # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -14,13 +17,15 @@
 //!
 //! # let folder = tempfile::tempdir().unwrap();
 //! # let path = folder.path().join("island.goblin");
-//! plan(&["fixtures/island_classes.tif".into()], &ImportOptions::default())?.build(Output::create(&path)?, &())?;
+//! plan(&["fixtures/island_classes.tif".into()], &ImportOptions::default())?
+//!     .build(Output::create(&path)?, &())?;
 //! let map = spinney::open(&path)?;
 //! let source = map.whole_source().expect("it is no view");
 //! let tiles = WarpedTiles::new(source, &map.metadata().frame, 256, Some(9), &Default::default())?;
 //! let painter = TilePainter::new(&Style::default_for(&map), &map, &())?;
 //! let archive = folder.path().join("island.pmtiles");
-//! export_tiles(&tiles, &painter, &TileRequest::new(&map)?, &TileTarget::Pmtiles(archive.clone()), &())?;
+//! export_tiles(
+//!     &tiles, &painter, &TileRequest::new(&map)?, &TileTarget::Pmtiles(archive.clone()), &())?;
 //! assert!(Pmtiles::open(&archive)?.tile(TileId { zoom: 0, column: 0, row: 0 })?.is_some());
 //! # Ok::<(), spinney::Error>(())
 //! ```
@@ -72,48 +77,51 @@ use spinney_container::Finding;
 use spinney_engine::dataset::Dataset;
 use spinney_tiles::{GeographicExtent, MAX_ZOOM, TilePainter, TileSource, check_degrees};
 
-/// Request for an export: its extent, and the metadata.
+/// Request for an export: its extent, encoding and metadata.
 #[derive(Clone, Debug)]
 pub struct TileRequest {
-    /// Zooms; from 0 to that with about the source's own cells if nothing is said.
+    /// Zooms; the default is from 0 to the zoom at about the source's resolution.
     pub zooms: Option<RangeInclusive<u8>>,
-    /// West, south, east, north in degrees: tiles that have nothing of it are left out. All of the source if nothing is said.
+    /// West, south, east, north in degrees: tiles that do not intersect this box are omitted. The
+    /// default is the whole source.
     pub degrees: Option<[f64; 4]>,
-    /// Pixels along each side of a tile: 256 or 512.
+    /// Pixels per side of a tile: 256 or 512.
     pub side: usize,
-    /// The kind of file that each tile is.
+    /// Encoding of the tiles.
     pub encoding: TileEncoding,
     /// Name of the map.
     pub name: String,
-    /// More about it.
+    /// Description of the map.
     pub description: String,
-    /// Whose data it has.
+    /// Attribution of the data.
     pub attribution: String,
-    /// Meaning of its colours.
+    /// Meaning of the colours.
     pub legend: String,
-    /// More about how tiles are made that must be the same for an export to go on: views.
+    /// Further options that determine the tiles, such as views. They must be the same to resume the
+    /// export.
     pub options: String,
-    /// The tree's state.
+    /// State of the tree.
     pub source: SourceState,
-    /// Whether an export that is interrupted can be gone on with, and this one goes on with one.
+    /// Whether the export resumes an interrupted one, and can be resumed itself.
     pub resume: bool,
-    /// The number that VOID cells of arrays have; [`draw_tiles`] decides on one if there is none.
+    /// The number for VOID cells of arrays; by default [`draw_tiles`] chooses one.
     pub void: Option<Number>,
-    /// The part of the tiles that is written alone, so that other processes write the others.
+    /// Restricts the export to this share of the tiles, so that other processes write the others.
     pub part: Option<TilePart>,
-    /// Archives of all parts of this export, in any order: of these the tiles are put together, to the bytes of an export in one go.
+    /// Archives of all shares of this export, in any order. They are merged into the same bytes as
+    /// an export by a single process.
     pub parts: Vec<PathBuf>,
-    /// How the target is created: as the tree was opened.
+    /// File access for the target: that of the tree.
     pub access: FileAccess,
 }
 
 impl TileRequest {
-    /// PNG tiles of 256 pixels of all of a tree.
+    /// PNG tiles of 256 pixels, of the whole tree.
     ///
     /// # Errors
     /// If the tree's file cannot be read.
     pub fn new(tree: &Dataset) -> Result<TileRequest> {
-        // (The bounds of views can take long to find, and painted tiles need none.)
+        // The bounds of views can take long to compute, and painted tiles do not need them.
         let void = if tree.as_file().is_some() { void_number(tree)? } else { None };
         Ok(TileRequest {
             zooms: None,
@@ -135,7 +143,7 @@ impl TileRequest {
     }
 }
 
-/// Whether a path leads to an archive of tiles, by its first bytes, or to a folder of them.
+/// Whether a path is an archive of tiles, by its first bytes, or a directory of tiles.
 pub fn is_tile_archive(path: &Path) -> bool {
     let mut start = [0; 16];
     let read = |file: File| spinney_base::io::platform::read_exact_at(&file, &mut start, 0);
@@ -145,10 +153,11 @@ pub fn is_tile_archive(path: &Path) -> bool {
     is_archive || is_tile_folder(path)
 }
 
-/// Checks an archive or a folder of tiles that was exported: that all tiles are there, in order, with the bytes that were written.
+/// Verifies an exported archive or directory of tiles: all tiles exist, in order, with the bytes
+/// that were written.
 ///
 /// # Errors
-/// If it cannot be read, is none, or on interruption.
+/// If it cannot be read or is not such an export, or on cancellation.
 pub fn verify_tiles(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
     if is_tile_folder(path) {
         return folder::verify(path, progress);
@@ -162,19 +171,20 @@ pub fn verify_tiles(path: &Path, progress: &dyn Progress) -> Result<Vec<Finding>
     Pmtiles::open(path)?.verify(progress)
 }
 
-/// Runs between two points from which an export can go on.
+/// Runs between two checkpoints.
 const CHECKPOINT: u64 = 1 << 12;
-/// Bytes of samples that are drawn at a time.
+/// Bytes of samples drawn per batch.
 const BATCH: usize = 32 << 20;
 
-/// Writes tiles of a source to an archive or a folder.
+/// Writes tiles of a source to an archive or a directory.
 ///
-/// Memory does not grow with the number of tiles. An interrupted export leaves nothing, or, with [`TileRequest::resume`], what the
-/// next one of the same source with the same options goes on with, to the same bytes as if it had not been interrupted.
+/// Memory does not grow with the number of tiles. An interrupted export leaves nothing. With
+/// [`TileRequest::resume`] it leaves its progress, and the next export of the same source with the
+/// same options resumes it. The result has the same bytes as an uninterrupted export.
 ///
 /// # Errors
-/// If the request makes no sense, the source cannot be read or was changed meanwhile, the target cannot be written or has the
-/// beginning of another export, or on interruption.
+/// If the request is invalid, the source cannot be read or has changed meanwhile, the target cannot
+/// be written or has the beginning of another export, or on cancellation.
 pub fn export_tiles(
     source: &dyn TileSource,
     painter: &TilePainter,
@@ -200,7 +210,7 @@ pub fn export_tiles(
 /// Writes tiles as [`export_tiles`] does, to a `PMTiles` archive at an output.
 ///
 /// # Errors
-/// Those of [`export_tiles`]; [`TileRequest::resume`] needs a target.
+/// Those of [`export_tiles`]; [`TileRequest::resume`] requires a target.
 pub fn export_pmtiles(
     source: &dyn TileSource,
     painter: &TilePainter,
@@ -217,7 +227,7 @@ pub fn export_pmtiles(
     write(source, &extent, &encoder, None, sink, &about, total, progress)
 }
 
-/// The extent of an export, what is said of it, and its encoder.
+/// Computes the extent of an export, its metadata, and its encoder.
 fn plan<'a>(
     source: &'a dyn TileSource,
     painter: &'a TilePainter,
@@ -241,7 +251,7 @@ fn plan<'a>(
         None => own,
         Some(asked) => {
             check_degrees(asked)?;
-            // West and south are the greater of both, east and north the less.
+            // The intersection: the larger west and south, the smaller east and north.
             std::array::from_fn(|at| if at < 2 { asked[at].max(own[at]) } else { asked[at].min(own[at]) })
         }
     };
@@ -261,7 +271,8 @@ fn plan<'a>(
         }
     };
     if request.encoding.format.is_array() && request.void.is_none() {
-        // (Before the first byte: some tile of the square has cells beyond the data, if only by its edge.)
+        // Fail before the first byte: some tile of the square has cells outside of the data, at
+        // least at its edge.
         return Err(encode::no_number(source.value_type()));
     }
     let encoder = TileEncoder::new(source, painter, request.encoding, side, request.void)?;
@@ -301,14 +312,15 @@ fn plan<'a>(
     ))
 }
 
-/// A tile of a run, or that nothing is in it.
+/// A tile of a run, or `None` if it is empty.
 type Made = Result<Option<Arc<Encoded>>>;
 
-/// Takes a run from elsewhere; `None` if it must be drawn.
+/// Copies a run from another archive; returns `None` if it must be drawn.
 type Copied<'a> = dyn Fn(&TileRun) -> Result<Option<Made>> + Sync + 'a;
 
-/// Draws all runs that the sink does not have yet and hands them to it, a batch being written while the next one is drawn.
-#[allow(clippy::too_many_arguments)] // the parts of one piece of work
+/// Draws all runs that the sink does not have yet. Each batch is written while the next one is
+/// drawn.
+#[allow(clippy::too_many_arguments)] // inputs of a single task
 fn write(
     source: &dyn TileSource,
     extent: &TileExtent,

@@ -1,4 +1,5 @@
-//! Tiles that several processes draw: each makes an archive of a part of them, of which all are put together without drawing any.
+//! Exports shared between processes: each process draws some of the tiles into an archive of its
+//! own, and the archives are merged without drawing a tile.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -13,23 +14,24 @@ use super::walk::{TileExtent, TileRun, TileWalk};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::{TileId, TileSource};
 
-/// A part of the tiles of an export, in the order of their numbers: the one with a number, from 0, of so many that take about as long.
+/// One of `of` shares of an export's tiles, in the order of tile numbers, numbered from 0. The
+/// shares take about equally long.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TilePart {
-    /// Its number, from 0.
+    /// Index, from 0.
     number: u32,
-    /// How many there are.
+    /// Number of shares.
     of: u32,
 }
 
-/// The name of an archive's option that tells its part.
+/// Name of the archive option that stores the share.
 const OPTION: &str = "part";
 
 impl TilePart {
-    /// The part with a number, from 0, of so many.
+    /// The share with an index, from 0, among `of` shares.
     ///
     /// # Errors
-    /// If there is none.
+    /// If the index is not below `of`.
     pub fn new(number: u32, of: u32) -> Result<TilePart> {
         match number < of {
             true => Ok(TilePart { number, of }),
@@ -39,7 +41,7 @@ impl TilePart {
         }
     }
 
-    /// Leaves only this part of an export.
+    /// Restricts an export to this share.
     pub(super) fn take(
         self,
         source: &dyn TileSource,
@@ -71,17 +73,17 @@ impl FromStr for TilePart {
     }
 }
 
-/// Archives of all parts of an export.
+/// The archives of all shares of an export.
 pub(super) struct Parts {
-    /// By their first tiles, which ascend; those without any are left out.
+    /// By their first tiles, in ascending order; archives without tiles are omitted.
     archives: Vec<(u64, Pmtiles)>,
 }
 
 impl Parts {
-    /// Opens the archives of an export's parts; nothing if it has none.
+    /// Opens the archives of an export's shares, or returns `None` if `paths` is empty.
     ///
     /// # Errors
-    /// If one cannot be read or is of another export, or if one is missing.
+    /// If an archive cannot be read or belongs to another export, or if one is missing.
     pub(super) fn open(paths: &[PathBuf], about: &About) -> Result<Option<Parts>> {
         let (mut known, mut archives) = (vec![false; paths.len()], Vec::new());
         for path in paths {
@@ -111,10 +113,10 @@ impl Parts {
         Ok((!paths.is_empty()).then_some(Parts { archives }))
     }
 
-    /// The content of a run that one of the parts has drawn.
+    /// Returns the content of a run from the archive of its share.
     pub(super) fn made(&self, run: &TileRun) -> Made {
-        // Invariant: parts follow each other in the order of tiles, so that what is not in the last one that does not begin behind a tile is in none: it was
-        // drawn, and nothing was in it.
+        // Invariant: shares are consecutive in the order of tiles. A tile can only be in the last
+        // archive whose first tile is not after it. If it is not there, it was drawn and was empty.
         let behind = self.archives.partition_point(|(first, _)| *first <= run.first);
         let Some((_, archive)) = behind.checked_sub(1).map(|index| &self.archives[index]) else {
             return Ok(None);

@@ -1,5 +1,5 @@
-//! PNG of a tile, all at once: indexed with as few bits as its colours need, grey, or colours, with opacity only where there is
-//! some.
+//! Encoder of a whole PNG tile: indexed with the fewest bits that its colours need, grey or RGB,
+//! with opacity only if needed.
 
 use flate2::{Compress, Compression, Crc, FlushCompress};
 use spinney_base::sort;
@@ -7,23 +7,23 @@ use spinney_base::sort;
 /// Pixels of a tile.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PngPixels<'a> {
-    /// Numbers of colours: red, green, blue and opacity.
+    /// Colour indices, and the RGBA palette.
     Indexed(&'a [u8], &'a [[u8; 4]; 256]),
-    /// Red, green, blue and opacity of each pixel.
+    /// RGBA of each pixel.
     Colours(&'a [[u8; 4]]),
 }
 
-/// Memory of the encoder, to be used for one tile after the other.
+/// Encoder whose buffers are reused between tiles.
 pub(super) struct PngEncoder {
     compress: Compress,
-    /// Whether colours are compressed as fast as can be.
+    /// Whether RGB and grey pixels use the fast compressor.
     is_fast: bool,
-    /// Rows as they are compressed, each with the number of its filter in front.
+    /// Filtered rows, each preceded by its filter type.
     rows: Vec<u8>,
     deflated: Vec<u8>,
 }
 
-/// The number of a filter in a PNG file (RFC 2083, 6).
+/// Filter types and colour type bits (RFC 2083).
 const NO_FILTER: u8 = 0;
 const PAETH: u8 = 4;
 
@@ -32,9 +32,9 @@ const ALPHA: u8 = 4;
 const COLOUR: u8 = 2;
 
 impl PngEncoder {
-    /// An encoder that tries as hard as said, from 1 (fast) to 9 (small). If nothing is said, it is what takes little time for
-    /// what it saves: a compressor for noisy rows (fdeflate: a fifth of the time for a seventh more bytes), and a usual one for
-    /// classes.
+    /// An encoder with an effort from 1 (fast) to 9 (small). The default balances time and size:
+    /// fdeflate for noisy rows of colours (a fifth of the time for a seventh more bytes), and level
+    /// 4 for indexed tiles.
     pub(super) fn new(effort: Option<u8>) -> PngEncoder {
         PngEncoder {
             compress: Compress::new(Compression::new(effort.map_or(4, u32::from)), true),
@@ -44,7 +44,7 @@ impl PngEncoder {
         }
     }
 
-    /// Writes a picture of so many columns to `png`.
+    /// Encodes pixels, `width` per row, into `png`.
     pub(super) fn encode(&mut self, picture: PngPixels<'_>, width: usize, png: &mut Vec<u8>) {
         png.clear();
         png.extend(b"\x89PNG\r\n\x1a\n");
@@ -59,7 +59,7 @@ impl PngEncoder {
         }
         self.compress.reset();
         self.deflated.clear();
-        // (As much as rows that cannot be made smaller take.)
+        // An upper bound for incompressible rows.
         self.deflated.reserve(self.rows.len() + self.rows.len() / 64 + 1024);
         let done = self.compress.compress_vec(&self.rows, &mut self.deflated, FlushCompress::Finish);
         debug_assert!(matches!(done, Ok(flate2::Status::StreamEnd)));
@@ -70,7 +70,7 @@ impl PngEncoder {
     fn indexed(&mut self, indices: &[u8], colours: &[[u8; 4]; 256], width: usize, png: &mut Vec<u8>) {
         let mut used = [false; 256];
         indices.iter().for_each(|index| used[usize::from(*index)] = true);
-        // Colours that are used, those that are not opaque first: only these need a number in tRNS.
+        // The colours in use, those that are not opaque first: only these need an entry in tRNS.
         let mut numbers: Vec<usize> = (0..256).filter(|index| used[*index]).collect();
         sort::by_key(&mut numbers, |index| u64::from(colours[*index][3] == 255));
         let mut renumbered = [0; 256];
@@ -101,7 +101,7 @@ impl PngEncoder {
         }
     }
 
-    /// A row with `PER` pixels in a byte, the first in the highest bits.
+    /// Packs a row with `PER` pixels per byte, the first in the highest bits.
     fn packed<const PER: usize>(&mut self, row: &[u8], renumbered: &[u8; 256]) {
         let pack = |group: &[u8; PER]| {
             let bits = group.iter().map(|index| u32::from(renumbered[usize::from(*index)]));
@@ -110,7 +110,7 @@ impl PngEncoder {
         let (groups, rest) = row.as_chunks::<PER>();
         self.rows.extend(groups.iter().map(pack));
         if !rest.is_empty() {
-            // (What is behind the end does not show.)
+            // Pixels after the end of the row are not visible.
             let mut last = [rest[0]; PER];
             last[..rest.len()].copy_from_slice(rest);
             self.rows.push(pack(&last));
@@ -122,7 +122,7 @@ impl PngEncoder {
         let is_grey = pixels.iter().all(|&[red, green, blue, _]| red == green && green == blue);
         let kind = if is_grey { 0 } else { COLOUR } | if is_opaque { 0 } else { ALPHA };
         header(png, width, pixels.len() / width, 8, kind);
-        // What cannot be seen has no colour, which compresses better.
+        // Transparent pixels are set to 0, which compresses better.
         match (is_grey, is_opaque) {
             (true, true) => self.filtered(pixels, width, |pixel| [pixel[0]]),
             (true, false) => self.filtered(pixels, width, |pixel| [pixel[0], pixel[3]]),
@@ -131,14 +131,15 @@ impl PngEncoder {
         }
     }
 
-    /// Rows of pixels of `N` samples with Paeth's filter, which does best on pictures, tile by tile and on the whole.
+    /// Filters rows of pixels of `N` samples with Paeth's filter, which does best on images, for
+    /// single tiles and overall.
     fn filtered<const N: usize>(
         &mut self,
         pixels: &[[u8; 4]],
         width: usize,
         samples: impl Fn([u8; 4]) -> [u8; N],
     ) {
-        // (A pixel of zeros is in front of each row.)
+        // Each row is preceded by a pixel of zeros.
         let mut above = vec![[0; N]; width + 1];
         let mut here = above.clone();
         let stride = 1 + width * N;
@@ -194,7 +195,7 @@ fn chunk(png: &mut Vec<u8>, name: [u8; 4], bytes: &[u8]) {
 mod tests {
     use super::*;
 
-    /// The picture as another decoder has it: colours of all pixels, and the kind of the file.
+    /// The image as decoded by another library: colours of all pixels, and the file's colour type.
     fn decoded(png: &[u8]) -> (Vec<[u8; 4]>, png::ColorType, png::BitDepth) {
         let mut decoder = png::Decoder::new(std::io::Cursor::new(png));
         let kind =
@@ -217,7 +218,7 @@ mod tests {
         colours[200][3] = 0;
         let mut encoder = PngEncoder::new(None);
         for (count, bits) in [(1, 1), (2, 1), (3, 2), (5, 4), (16, 4), (17, 8), (56, 8)] {
-            // (A width that is no whole number of bytes.)
+            // The width does not fill whole bytes.
             let indices: Vec<u8> = (0..37 * 5).map(|at| 200 + (at * at % count) as u8).collect();
             let mut png = Vec::new();
             encoder.encode(PngPixels::Indexed(&indices, &colours), 37, &mut png);
@@ -236,7 +237,7 @@ mod tests {
         let grey: Vec<_> = (0..64 * 9).map(|at| [noise(at), noise(at), noise(at), 255]).collect();
         let rgb: Vec<_> = (0..64 * 9).map(|at| [noise(at), noise(at + 7), at as u8, 255]).collect();
         let half = |pixels: &[[u8; 4]]| -> Vec<[u8; 4]> {
-            // (What is opaque to no degree loses its colour.)
+            // Fully transparent pixels lose their colour.
             let part = pixels.iter().enumerate();
             part.map(|(at, pixel)| if at % 3 == 0 { [0; 4] } else { [pixel[0], pixel[1], pixel[2], 128] })
                 .collect()

@@ -1,4 +1,4 @@
-//! Metadata of archives: for maps, and how they were made.
+//! Metadata of tile archives: descriptions for maps, and provenance.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -12,20 +12,20 @@ use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_tiles::{GeographicExtent, TileColours};
 
-/// The tree from which an archive was made, in one state.
+/// The tree that an archive was made from, in one state.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SourceState {
-    /// The file's name.
+    /// File name.
     pub file: String,
-    /// Commit of an Autumnal file.
+    /// Commit number of an Autumnal file.
     pub commit: Option<u64>,
-    /// A text that another state of the file does not have.
+    /// Identifies this state: no other state of the file has the same string.
     pub state: String,
 }
 
 impl SourceState {
-    /// The state of an open file: of an Autumnal file that of its commit, of others the hash of what stands at the end, which has
-    /// the checksums of all else.
+    /// Determines the state of an open file. For an Autumnal file that is a hash of its commit. For
+    /// others it is a hash of the end of the file, which has the checksums of everything else.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -62,19 +62,20 @@ fn hashed(bytes: &[u8]) -> String {
     format!("{:032x}", xxhash_rust::xxh3::xxh3_128(bytes))
 }
 
-/// Source and options of a tile archive: they must be equal for an export to resume, or to update the archive.
+/// Source and options of a tile archive. They must be equal to resume an export or update the
+/// archive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct TileProvenance {
     /// The tree.
     pub source: SourceState,
-    /// The options, in words, by their names.
+    /// The options as strings, by name.
     pub options: BTreeMap<String, String>,
-    /// How values became colours; `None` if tiles have samples.
+    /// Mapping of values to colours; `None` if tiles are samples.
     pub(super) colours: Option<TileColours>,
 }
 
 impl TileProvenance {
-    /// Fails if another export, which is to change what this one has made, has other options.
+    /// Fails if another export, which is to change the tiles of this one, has other options.
     pub(super) fn check_options(&self, now: &TileProvenance) -> Result<()> {
         let differs = |name: &&String| self.options.get(*name) != now.options.get(*name);
         let names: BTreeSet<&String> =
@@ -92,17 +93,18 @@ impl TileProvenance {
     }
 }
 
-/// Hash of all tiles of an archive, whatever its kind: a sum over tiles, from which one that is replaced can be taken away.
+/// Hash of all tiles of an archive, independent of its format: a sum over tiles, from which
+/// replaced tiles can be subtracted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Digest(u128);
 
 impl Digest {
-    /// Adds tiles that follow each other and have the same bytes.
+    /// Adds consecutive tiles with the same bytes.
     pub(super) fn add(&mut self, first: u64, count: u64, hash: u128) {
         self.0 = self.0.wrapping_add(Digest::of(first, count, hash));
     }
 
-    /// Takes them away again.
+    /// Subtracts such tiles.
     pub(super) fn remove(&mut self, first: u64, count: u64, hash: u128) {
         self.0 = self.0.wrapping_sub(Digest::of(first, count, hash));
     }
@@ -131,12 +133,12 @@ pub(super) struct About {
     pub(super) name: String,
     pub(super) description: String,
     pub(super) attribution: String,
-    /// Meaning of the colours, as text or HTML.
+    /// Meaning of the colours, as plain text or HTML.
     pub(super) legend: String,
     pub(super) provenance: TileProvenance,
 }
 
-/// The part of an archive's metadata that is ours.
+/// Spinney's own metadata in an archive.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Own {
     #[serde(rename = "making")]
@@ -150,12 +152,12 @@ impl About {
         self.zooms[0]
     }
 
-    /// Our own part, as JSON.
+    /// Spinney's own metadata.
     pub(super) fn own(&self, tiles: u64, digest: Digest) -> Own {
         Own { provenance: self.provenance.clone(), tiles, digest: digest.text() }
     }
 
-    /// Texts of maps, those that are not empty.
+    /// Non-empty descriptions of the map.
     fn texts(&self) -> Map<String, Json> {
         let texts = [
             ("name", &self.name),
@@ -177,7 +179,7 @@ impl About {
         Json::Object(object).to_string()
     }
 
-    /// The document beside a folder's tiles: `TileJSON` 3.0.
+    /// The `TileJSON` 3.0 document of a tile directory.
     pub(super) fn tile_json(&self, pattern: &str, tiles: u64, digest: Digest) -> String {
         let mut object = Map::new();
         object.insert("tilejson".into(), json!("3.0.0"));
@@ -210,7 +212,7 @@ impl About {
             ("version".into(), "1".into()),
             ("spinney".into(), json!(self.own(tiles, digest)).to_string()),
         ];
-        // (A name must be there.)
+        // The specification requires a name.
         if self.name.is_empty() {
             rows.push(("name".into(), self.provenance.source.file.clone()));
         }

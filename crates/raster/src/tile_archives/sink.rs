@@ -1,4 +1,4 @@
-//! Takers of tiles: archives, and folders.
+//! Sinks of tiles: archives and directories.
 
 use super::encode::Encoded;
 use super::provenance::{About, Own};
@@ -6,24 +6,24 @@ use super::walk::TileRun;
 use spinney_base::{Progress, Result};
 use spinney_tiles::TileId;
 
-/// Takes tiles in the order of their numbers.
+/// Receives tiles in the order of their numbers.
 pub(super) trait TileSink: Send {
-    /// Runs that were taken before an interruption.
+    /// Number of runs received before the export was interrupted.
     fn done(&self) -> u64;
 
-    /// Takes a run; `None` if nothing is in it.
+    /// Appends a run; `tile` is `None` if it is empty.
     fn push(&mut self, run: &TileRun, tile: Option<&Encoded>) -> Result<()>;
 
-    /// Makes what was taken durable, so that an export can go on from here.
+    /// Makes everything received durable, so that the export can be resumed from here.
     fn checkpoint(&mut self) -> Result<()>;
 
-    /// Completes the archive and puts it in its place.
+    /// Completes the archive and publishes it under its name.
     fn finish(self: Box<Self>, about: &About) -> Result<TileArchiveSummary>;
 }
 
-/// Archive or folder whose tiles are replaced in place.
+/// Archive or directory whose tiles are replaced in place.
 pub(super) trait TileEdit {
-    /// Description of how it was made.
+    /// Spinney's metadata of the existing tiles.
     fn own(&self) -> &Own;
 
     /// Replaces a tile; `None` removes it.
@@ -36,12 +36,12 @@ pub(super) trait TileEdit {
 /// Totals of a tile archive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TileArchiveSummary {
-    /// Tiles that are not empty.
+    /// Number of non-empty tiles.
     pub tiles: u64,
-    /// Contents of tiles that are stored.
+    /// Number of distinct stored contents.
     pub contents: u64,
-    /// Bytes of the archive.
+    /// Size of the archive in bytes.
     pub bytes: u64,
-    /// Tiles that were copied from an older archive without being drawn.
+    /// Number of tiles copied from an older archive without being drawn.
     pub copied: u64,
 }

@@ -1,4 +1,4 @@
-//! Where tiles go, by a name.
+//! Targets of tile exports, by name.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use super::provenance::About;
 use super::sink::TileSink;
 use spinney_base::{Error, Result};
 
-/// An archive, or a folder.
+/// A tile archive or directory.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum TileTarget {
     /// A `PMTiles` archive, version 3.
@@ -20,15 +20,15 @@ pub enum TileTarget {
     /// An `MBTiles` archive, version 1.3.
     #[cfg(feature = "mbtiles")]
     Mbtiles(PathBuf),
-    /// A file for each tile.
+    /// A directory with a file per tile.
     Folder(TileFolder),
 }
 
 impl TileTarget {
-    /// The target with a name, if it is one of tiles: `x.pmtiles`, `x/{z}/{x}/{y}.png`.
+    /// Returns the target for a path if it names tiles: `x.pmtiles`, `x/{z}/{x}/{y}.png`.
     ///
     /// # Errors
-    /// If it is a pattern that has not each field once.
+    /// If a pattern does not have each field exactly once.
     pub fn of(path: &Path) -> Result<Option<TileTarget>> {
         let text = path.to_str().unwrap_or_default();
         if ["{z}", "{x}", "{y}"].iter().any(|field| text.contains(field)) {
@@ -43,7 +43,7 @@ impl TileTarget {
         })
     }
 
-    /// The file, or the folder.
+    /// The file, or the directory.
     pub fn path(&self) -> &Path {
         match self {
             TileTarget::Pmtiles(path) => path,
@@ -53,7 +53,7 @@ impl TileTarget {
         }
     }
 
-    /// The kind of tiles that the name says.
+    /// The tile format that the name implies.
     pub fn format(&self) -> Option<TileFormat> {
         match self {
             TileTarget::Folder(folder) => folder.extension()?.parse().ok(),

@@ -1,4 +1,4 @@
-//! A tile's samples as a small GeoTIFF file: one strip, not compressed, in web mercator.
+//! A tile's samples as a small GeoTIFF file: one uncompressed strip in web mercator.
 
 use spinney_base::sort;
 use spinney_base::value::{SampleType, Value, ValueType};
@@ -11,7 +11,7 @@ const SHORT: u16 = 3;
 const LONG: u16 = 4;
 const DOUBLE: u16 = 12;
 
-/// The file of a tile of `side` cells a side, whose VOID cells have the value `void`.
+/// Encodes a tile of `side` cells per side, whose VOID cells have the value `void`.
 pub(super) fn tile(
     value: ValueType,
     side: usize,
@@ -32,7 +32,7 @@ pub(super) fn tile(
     let west = f64::from(tile.column) * side as f64 * cell - WEB_MERCATOR_HALF;
     let north = WEB_MERCATOR_HALF - f64::from(tile.row) * side as f64 * cell;
     let text = void.map(|void| format!("{}\0", value.first_number(void)).to_lowercase());
-    // A projected system (1024 = 1), cells as areas (1025 = 1), its EPSG number (3072).
+    // Model type projected (1024 = 1), raster type area (1025 = 1), EPSG code (3072).
     let keys = [1u16, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, WEB_MERCATOR as u16];
     let shorts =
         |numbers: &[u16]| -> Vec<u8> { numbers.iter().flat_map(|number| number.to_le_bytes()).collect() };
@@ -44,7 +44,7 @@ pub(super) fn tile(
         (257, LONG, 1, longs(side)),
         (258, SHORT, channels as u32, shorts(&vec![bits; channels])),
         (259, SHORT, 1, shorts(&[1])),
-        // Colours where there are enough channels of eight bits.
+        // RGB if there are at least three channels.
         (262, SHORT, 1, shorts(&[if channels >= 3 { 2 } else { 1 }])),
         (273, LONG, 1, longs(8)),
         (277, SHORT, 1, shorts(&[channels as u16])),
@@ -59,11 +59,11 @@ pub(super) fn tile(
     fields.extend(text.map(|text| (42113, ASCII, text.len() as u32, text.into_bytes())));
     let usual = if channels >= 3 { 3 } else { 1 };
     if channels > usual {
-        // Opacity that the colours were not multiplied with.
+        // Opacity that colours are not premultiplied with.
         fields.push((338, SHORT, (channels - usual) as u32, shorts(&vec![2; channels - usual])));
         sort::by_key(&mut fields, |field| u64::from(field.0));
     }
-    // The samples, the directory, and what does not fit into it.
+    // The samples, the directory, and the values that do not fit into it.
     let directory = (8 + samples.len()).next_multiple_of(2);
     let mut behind = directory + 2 + 12 * fields.len() + 4;
     let mut file = b"II\x2a\0".to_vec();

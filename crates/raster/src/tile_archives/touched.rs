@@ -1,4 +1,5 @@
-//! Tiles that differences touch: of each zoom a quadtree, in which a part that is touched everywhere is one node.
+//! The set of tiles that differences touch: a quadtree per zoom, in which a fully touched square is
+//! one node.
 
 use std::ops::RangeInclusive;
 
@@ -6,14 +7,14 @@ use spinney_base::space::Code;
 use spinney_tiles::TileSource;
 use spinney_tiles::{TileId, TileRange};
 
-/// Tiles of some zooms.
+/// A set of tiles at some zooms.
 pub(super) struct TouchedTiles {
     zooms: RangeInclusive<u8>,
     /// By zoom.
     roots: Vec<Node>,
 }
 
-/// Squares of so many tiles along each side (as a power of two) are bits of one number.
+/// Tiles per side, as a power of two, of the squares that are stored as the bits of one number.
 const SQUARE: u8 = 3;
 
 #[derive(Debug, Default)]
@@ -21,14 +22,15 @@ enum Node {
     #[default]
     None,
     All,
-    /// A square of 8 x 8 tiles, a byte for each row.
+    /// A square of 8 x 8 tiles, one byte per row.
     Square(u64),
-    /// The quarters: the second has larger columns, the third larger rows.
+    /// The quadrants: index bit 0 is the column, bit 1 the row.
     Quarters(Box<[Node; 4]>),
 }
 
 impl Node {
-    /// Adds what a range has of the node, which begins at a tile and has 2^`size` tiles a side.
+    /// Adds the intersection of a range with this node, which begins at `min` and has 2^`size`
+    /// tiles per side.
     fn add(&mut self, min: [u32; 2], size: u8, range: &TileRange) {
         let own = TileRange { min, max: min.map(|at| at + (1 << size)) };
         let part = own.intersect(range);
@@ -60,7 +62,8 @@ impl Node {
         }
     }
 
-    /// The node, or square, that has a tile, of 2^`size` tiles a side.
+    /// The child of this node, which has 2^`size` tiles per side, that contains a tile; the node
+    /// itself if it has no children.
     fn below(&self, column: u32, row: u32, size: u8) -> &Node {
         let Node::Quarters(quarters) = self else { return self };
         let at = (column >> (size - 1) & 1) | (row >> (size - 1) & 1) << 1;
@@ -74,7 +77,7 @@ impl TouchedTiles {
         TouchedTiles { zooms, roots }
     }
 
-    /// Tiles along each side of a zoom's root, as a power of two.
+    /// Tiles per side of a zoom's root, as a power of two.
     fn size(zoom: u8) -> u8 {
         zoom.max(SQUARE)
     }
@@ -84,14 +87,14 @@ impl TouchedTiles {
         at.and_then(|at| self.roots.get(at)).unwrap_or(&Node::None)
     }
 
-    /// Adds a rectangle, and, if there is a margin, the tiles around it, whose pictures depend on those in it.
+    /// Adds a rectangle and, with a margin, the adjacent tiles, whose images depend on it.
     pub(super) fn add(&mut self, zoom: u8, range: TileRange, margin: usize, within: &TileRange) {
         let side = 1u32 << zoom;
         let more = u32::from(margin > 0);
         let min = range.min.map(|at| at.saturating_sub(more));
         let max = range.max.map(|at| (at + more).min(side));
         let mut ranges = vec![TileRange { min, max }];
-        // Beyond the antimeridian the other side's columns are neighbours.
+        // Columns on both sides of the antimeridian are adjacent.
         if more > 0 && range.min[0] == 0 {
             ranges.push(TileRange { min: [side - 1, min[1]], max: [side, max[1]] });
         }
@@ -117,7 +120,7 @@ impl TouchedTiles {
         }
     }
 
-    /// All of them, in the order of their numbers.
+    /// Iterates over all tiles, in the order of their numbers.
     pub(super) fn iter(&self) -> impl Iterator<Item = TileId> + '_ {
         self.zooms.clone().flat_map(|zoom| OfZoom {
             zoom,
@@ -127,7 +130,7 @@ impl TouchedTiles {
         })
     }
 
-    /// Number of them.
+    /// Number of tiles.
     pub(super) fn count(&self) -> u64 {
         fn count(node: &Node, size: u8) -> u64 {
             match node {
@@ -141,12 +144,13 @@ impl TouchedTiles {
     }
 }
 
-/// The tiles of a zoom, along the curve.
+/// The tiles of a zoom, along the Hilbert curve.
 struct OfZoom<'a> {
     zoom: u8,
-    /// Nodes that are still to come, the next one last: with the zoom at which each is one tile, and its steps along the curve there.
+    /// Nodes still to be visited, the next one last: with the zoom at which the node is one tile,
+    /// and its index along the curve there.
     pending: Vec<(&'a Node, u8, u64)>,
-    /// Steps along the curve at the zoom itself.
+    /// Indices along the curve at the zoom itself.
     run: std::ops::Range<u64>,
     /// The square of the run, unless all of it is touched.
     square: Option<u64>,
@@ -182,13 +186,14 @@ impl Iterator for OfZoom<'_> {
     }
 }
 
-/// Adds the tiles that blocks touch which come in FD order. Blocks smaller than a part of a tile are taken with the node of that size
-/// that they lie in, which is asked for its tiles once: so what this takes grows with tiles, and not with blocks.
+/// Adds the tiles that blocks touch. Blocks must come in FD order. Blocks smaller than a fraction
+/// of a tile are replaced by the ancestor of that size, whose tiles are queried once. So the cost
+/// grows with tiles, not with blocks.
 pub(super) struct TouchedBlocks<'a> {
     pub(super) tiles: TouchedTiles,
     source: &'a dyn TileSource,
     margin: usize,
-    /// By zoom: all tiles that there may be, and the node that came last.
+    /// Per zoom: the range of possible tiles, and the last node.
     zooms: Vec<(u8, TileRange, Option<Code>)>,
 }
 
@@ -271,7 +276,7 @@ mod tests {
                     let tile = TileId::from_number(number).unwrap();
                     assert_eq!(tiles.contains(tile), plain.contains(&number), "{tile:?}");
                 }
-                // All of a zoom is one node.
+                // A full zoom is one node.
                 let zoom = *zooms.end();
                 let world = TileRange::world(zoom);
                 tiles.add(zoom, world, 0, &world);

@@ -1,4 +1,5 @@
-//! Updates: only tiles that an edit touches are drawn anew, up to the parents; all others are copied, or stay where they are.
+//! Updates of tile archives: only tiles that an edit touches, and their parents, are drawn again.
+//! All others are copied or stay in place.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -25,8 +26,8 @@ use spinney_tiles::TileId;
 use spinney_tiles::TilePainter;
 use spinney_tiles::{TileContent, TileSource};
 
-/// Hands out the nodes of a level, or larger blocks, in which a tree differs from the state that an archive was made of: that is an older commit of the same
-/// file, or the file `since`.
+/// Yields the nodes of a level, or larger blocks, in which a tree differs from the state that an
+/// archive was made from. That state is an older commit of the same file, or the file `since`.
 fn changes(
     tree: &Dataset,
     state: &SourceState,
@@ -79,7 +80,7 @@ fn changes(
     })
 }
 
-/// Tiles that are updated: an archive that is written anew, or what is changed in place.
+/// The tiles to be updated: an archive that is rewritten, or tiles that are changed in place.
 enum Old {
     Pmtiles(Box<Pmtiles>),
     InPlace(Box<dyn TileEdit>),
@@ -88,23 +89,25 @@ enum Old {
 /// Options of an update.
 #[derive(Clone, Debug, Default)]
 pub struct UpdateOptions {
-    /// The archive of `PMTiles` that a new one starts from, where that is not the target itself.
+    /// The `PMTiles` archive to start from, if that is not the target itself.
     pub old: Option<PathBuf>,
-    /// The tree that the tiles were made of, where that is no commit of the same file.
+    /// The tree that the tiles were made from, if that is not a commit of the same file.
     pub since: Option<PathBuf>,
-    /// Whether all tiles are drawn, with whatever style.
+    /// Whether all tiles are drawn, in any style.
     pub restyle: bool,
 }
 
-/// Tiles that were exported from an older state of a tree and are about to be brought up to date: those that the differences touch
-/// are drawn, the others copied from an archive of `PMTiles`, that may be the target itself; `MBTiles` and folders are changed in
-/// place. A `PMTiles` archive and a folder have the bytes that a new export with the same numbers for percentiles would have.
+/// An update of tiles that were exported from an older state of a tree. Tiles touched by the
+/// differences are drawn. In a `PMTiles` archive the others are copied from an old archive, which
+/// may be the target itself; `MBTiles` and directories are changed in place. A `PMTiles` archive or
+/// a directory gets the same bytes as a new export with the same percentiles.
 ///
-/// `MBTiles` are changed all at once. A folder is changed when all new tiles are beside it: an update that is interrupted before leaves
-/// it as it was, and one that is interrupted later is finished by the next one, whatever that is to do itself; until then
-/// [`verify_tiles`](super::verify_tiles) says so.
+/// `MBTiles` are changed in one transaction. A directory is changed once all new tiles are staged
+/// next to it. An update that is interrupted before that leaves it unchanged. An update that is
+/// interrupted later is finished by the next one, whatever that does itself; until then
+/// [`verify_tiles`](super::verify_tiles) reports it.
 pub struct TileUpdate {
-    /// The old tiles.
+    /// Path of the old tiles.
     place: PathBuf,
     target: TileTarget,
     old: Old,
@@ -112,11 +115,13 @@ pub struct TileUpdate {
 }
 
 impl TileUpdate {
-    /// Opens the tiles of a target, or, for a target of `PMTiles`, another archive that the new one starts from. What is changed in place
-    /// is nobody else's until this is dropped; an update of a folder that was interrupted is finished first, with a warning.
+    /// Opens the tiles of a target or, for a `PMTiles` target, another archive to start from. Tiles
+    /// that are changed in place are locked until this is dropped. An interrupted update of a
+    /// directory is finished first, with a warning.
     ///
     /// # Errors
-    /// If they cannot be read, were made by another program, or are being updated by somebody else; on interruption.
+    /// If the tiles cannot be read, were made by another program, or are being updated by another
+    /// process; on cancellation.
     pub fn open(target: &TileTarget, old: Option<&Path>, progress: &dyn Progress) -> Result<TileUpdate> {
         let place = old.unwrap_or(target.path());
         let opened = match target {
@@ -141,10 +146,12 @@ impl TileUpdate {
         Ok(TileUpdate { place: place.to_path_buf(), target: target.clone(), old: opened, own })
     }
 
-    /// A style with the numbers for its percentiles that the tiles were made with. Warns if those of the tree are others by now.
+    /// Returns a painter for a style with the percentiles that the tiles were made with. Warns if
+    /// the tree's percentiles have changed.
     ///
     /// # Errors
-    /// Those of [`TilePainter::new`]; if the tiles were made with another style, or the tree's palette or units have changed.
+    /// Those of [`TilePainter::new`]; if the tiles were made with another style, or the tree's
+    /// palette or units have changed.
     pub fn painter(&self, style: &Style, tree: &Dataset, progress: &dyn Progress) -> Result<TilePainter> {
         let now = TilePainter::new(style, tree, progress)?;
         let Some(old) = &self.own.provenance.colours else { return Ok(now) };
@@ -166,10 +173,12 @@ impl TileUpdate {
         Ok(kept)
     }
 
-    /// Draws and writes what must be, with a painter of [`TileUpdate::painter`]; with [`UpdateOptions::restyle`] everything, with any.
+    /// Draws and writes the touched tiles with a painter of [`TileUpdate::painter`]; with
+    /// [`UpdateOptions::restyle`] all tiles, with any painter.
     ///
     /// # Errors
-    /// Those of [`export_tiles`](super::export_tiles); if the tiles were made with other options or colours, or of another file.
+    /// Those of [`export_tiles`](super::export_tiles); if the tiles were made with other options or
+    /// colours, or from another file.
     pub fn run(
         self,
         tree: &Dataset,
@@ -192,7 +201,8 @@ impl TileUpdate {
         } else if let Old::Pmtiles(_) = self.old {
             touched.add_all();
         } else {
-            // (What is no longer there must be removed: where nobody knows what that is, every tile is looked for.)
+            // Tiles that have become empty must be removed. If the differences are unknown, every
+            // tile is checked.
             match changes(tree, &provenance.source, since, level, progress, &mut |code| touched.add(code)) {
                 Err(Error::Unsupported { .. }) => touched.add_all(),
                 other => other?,
@@ -225,7 +235,7 @@ impl TileUpdate {
         }
     }
 
-    /// Fails if the colours of the tiles are others now.
+    /// Fails if the colours of the tiles have changed.
     fn check_colours(&self, now: &TileProvenance) -> Result<()> {
         let (Some(old), Some(new)) = (&self.own.provenance.colours, &now.colours) else { return Ok(()) };
         if old == new {
@@ -244,8 +254,8 @@ impl TileUpdate {
     }
 }
 
-/// Draws tiles of a tree in a style and writes them to a target, or brings those that are there up to date: those that are pictures with
-/// the style's legend.
+/// Draws tiles of a tree in a style and writes them to a target, or updates those of the target.
+/// Painted tiles get the style's legend.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -261,7 +271,7 @@ impl TileUpdate {
 /// let tiles = tile_source(&map, request.side, None, &Default::default(), &())?;
 /// let style = Style::default_for(&map);
 /// let made = draw_tiles(&map, &*tiles, &style, &mut request, &target, None, &())?;
-/// // Of the same tree, all of them are copied.
+/// // The tree has not changed, so all of them are copied.
 /// let update = UpdateOptions::default();
 /// let again = draw_tiles(&map, &*tiles, &style, &mut request, &target, Some(&update), &())?;
 /// assert_eq!((again.tiles, again.copied > 0), (made.tiles, true));
@@ -269,8 +279,8 @@ impl TileUpdate {
 /// ```
 ///
 /// # Errors
-/// Those of [`TilePainter::new`] and of [`export_tiles`](super::export_tiles), or of [`TileUpdate::open`], [`TileUpdate::painter`] and
-/// [`TileUpdate::run`].
+/// Those of [`TilePainter::new`] and of [`export_tiles`](super::export_tiles), or of
+/// [`TileUpdate::open`], [`TileUpdate::painter`] and [`TileUpdate::run`].
 pub fn draw_tiles(
     tree: &Dataset,
     tiles: &dyn TileSource,
@@ -315,11 +325,11 @@ struct Drawer<'a> {
     progress: &'a dyn Progress,
 }
 
-/// Tiles, or runs of them, that are drawn at a time.
+/// Tiles or runs drawn per batch.
 const BATCH: usize = 256;
 
 impl Drawer<'_> {
-    /// Replaces the tiles that are touched, also those that have nothing any more.
+    /// Replaces the touched tiles, and removes those that have become empty.
     fn redraw(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
         let total = touched.count();
         let mut all = touched.iter();
@@ -344,7 +354,7 @@ impl Drawer<'_> {
         }
     }
 
-    /// Replaces all tiles that have something, except those that are touched.
+    /// Replaces all non-empty tiles that are not touched.
     fn redraw_all(&self, touched: &TouchedTiles, edit: &mut dyn TileEdit) -> Result<()> {
         let (total, _) = TileWalk::new(self.source, self.extent).count(self.progress)?;
         let mut walk = TileWalk::new(self.source, self.extent);

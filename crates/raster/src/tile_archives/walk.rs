@@ -1,5 +1,5 @@
-//! The walk over all tiles of some zooms, in the order of their numbers, down from the root: what is empty or uniform is settled
-//! without going on below it.
+//! Traversal of all tiles of some zooms, in the order of their numbers, from the root down. Empty
+//! and uniform regions are settled without descending into them.
 
 use std::ops::{Range, RangeInclusive};
 
@@ -8,39 +8,40 @@ use spinney_base::{Progress, Result};
 use spinney_tiles::{TileContent, TileSource};
 use spinney_tiles::{TileId, TileRange, first_number};
 
-/// Tiles that follow each other: one that must be drawn, or many that are equal.
+/// Consecutive tiles: one that must be drawn, or many that are equal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct TileRun {
-    /// Number of the first: [`TileId::number`].
+    /// Number of the first tile: [`TileId::number`].
     pub(super) first: u64,
     pub(super) count: u64,
-    /// The value of all their cells; `None` if it is one tile that must be drawn.
+    /// The value of all their cells; `None` for a single tile that must be drawn.
     pub(super) uniform: Option<Value>,
 }
 
-/// The extent of a walk.
+/// The extent of a traversal.
 #[derive(Clone, Debug)]
 pub(super) struct TileExtent {
     pub(super) zooms: RangeInclusive<u8>,
-    /// West, south, east, north; tiles that have nothing of it are left out.
+    /// West, south, east, north; tiles that do not intersect this box are omitted.
     pub(super) degrees: [f64; 4],
-    /// Cells around a tile that its picture depends on: if there are any, a tile is settled only with its neighbours.
+    /// Width of the margin of cells that a tile's image depends on. If it is not 0, a tile is
+    /// settled only together with its neighbours.
     pub(super) margin: usize,
-    /// Whether tiles say where they lie, so that no two are equal: none is settled.
+    /// Whether tiles store their positions, so that no two are equal and none is settled.
     pub(super) has_places: bool,
-    /// The runs that are wanted, by their numbers from 0.
+    /// The range of runs to yield, by their indices.
     pub(super) runs: Range<u64>,
 }
 
-/// A walk that is under way.
+/// State of a traversal.
 pub(super) struct TileWalk<'a> {
     source: &'a dyn TileSource,
     extent: TileExtent,
     zoom: u8,
     range: TileRange,
-    /// Nodes that are to be visited, the next one last.
+    /// Nodes still to be visited, the next one last.
     pending: Vec<TileId>,
-    /// Number of the run that comes next.
+    /// Index of the next run.
     next: u64,
 }
 
@@ -63,9 +64,10 @@ impl<'a> TileWalk<'a> {
         self.pending.push(TileId { zoom: 0, column: 0, row: 0 });
     }
 
-    /// The next tiles that are not empty, of the runs that are wanted.
+    /// Returns the next non-empty tiles among the requested runs.
     ///
-    /// Invariant: runs and their order depend on the source and the extent alone, so that parts of them, which several processes walk, are all of them once.
+    /// Invariant: runs and their order depend only on the source and the extent. So the shares of
+    /// several processes together yield every run exactly once.
     pub(super) fn next_run(&mut self) -> Result<Option<TileRun>> {
         while self.next < self.extent.runs.end
             && let Some(run) = self.any_run()?
@@ -93,7 +95,7 @@ impl<'a> TileWalk<'a> {
         }
     }
 
-    /// The next so many runs, or those that are left.
+    /// Returns up to `most` further runs.
     pub(super) fn next_runs(&mut self, most: usize) -> Result<Vec<TileRun>> {
         let mut runs = Vec::with_capacity(most);
         while runs.len() < most
@@ -110,7 +112,7 @@ impl<'a> TileWalk<'a> {
             return Ok(None);
         }
         let content = self.source.content(node)?;
-        // (Beside something, a margin of nothing does not matter: what is VOID stays so.)
+        // A neighbour with values does not matter: VOID cells stay VOID.
         if content == TileContent::Empty {
             return Ok(None);
         }
@@ -126,13 +128,13 @@ impl<'a> TileWalk<'a> {
             let first = first_number(self.zoom) + (along << shift);
             return Ok(Some(TileRun { first, count: 1 << shift, uniform: Some(value) }));
         }
-        // The children's part of the curve, in its order.
+        // The children's section of the curve, in its order.
         let children = (0..4).rev().map(|step| TileId::on_curve(node.zoom + 1, along << 2 | step));
         self.pending.extend(children);
         Ok(None)
     }
 
-    /// Number of all tiles that are not empty, and of their runs, without drawing any.
+    /// Counts all non-empty tiles and their runs, without drawing any.
     pub(super) fn count(mut self, progress: &dyn Progress) -> Result<(u64, u64)> {
         let (mut tiles, mut runs) = (0, 0u64);
         while let Some(run) = self.next_run()? {
@@ -146,7 +148,8 @@ impl<'a> TileWalk<'a> {
     }
 }
 
-/// The value of all cells of a tile, of which a source knows the content, and of those around it that matter.
+/// Returns the value of all cells of a tile and its margin, if it is uniform. `content` is the
+/// source's content of the tile.
 pub(super) fn settled(
     source: &dyn TileSource,
     extent: &TileExtent,
@@ -162,7 +165,7 @@ pub(super) fn settled(
     }
     let side = 1u32 << tile.zoom;
     for step in 0..9u32 {
-        // One column and row back, none, and one on.
+        // One column and row back, none, and one forward.
         let column = (tile.column + side + step % 3 - 1) % side;
         let Some(row) = (tile.row + step / 3).checked_sub(1).filter(|row| *row < side) else {
             return Ok(None);

@@ -1,4 +1,4 @@
-//! Arrays of three dimensions in files, read cube by cube.
+//! Three-dimensional arrays in files, read in cubes.
 
 use std::fs::File;
 use std::io;
@@ -11,10 +11,11 @@ use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
 use spinney_engine::store::{Slab, SlabBoxes, Slabs, WantedCells};
 
-/// Cells along a side of the largest cubes that are read at once: room for all threads.
+/// Cells per side of the largest cubes that are read at once: enough work for all threads.
 const MOST: u64 = 256;
 
-/// Samples of an array, as they lie in a file: those of a cell together, x fastest, then y, then z.
+/// Layout of the samples of an array in a file: the samples of a cell together, x fastest, then y,
+/// then z.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArrayLayout {
     /// Cells along x, y and z.
@@ -25,12 +26,12 @@ pub(super) struct ArrayLayout {
 }
 
 impl ArrayLayout {
-    /// Values as trees have them.
+    /// Type of the tree's values.
     pub(super) fn value(&self) -> ValueType {
         ValueType::new(self.format.sample(), self.channels)
     }
 
-    /// Bytes of all samples; `None` if no file has room for them.
+    /// Bytes of all samples; `None` if they exceed the maximum file size.
     pub(super) fn bytes(&self) -> Option<u64> {
         self.size
             .into_iter()
@@ -38,12 +39,12 @@ impl ArrayLayout {
             .filter(|bytes| *bytes <= i64::MAX as u64)
     }
 
-    /// Bytes of a cell, as they lie in the file.
+    /// Bytes of a cell in the file.
     pub(super) fn cell(&self) -> usize {
         self.format.bits() / 8 * usize::from(self.channels)
     }
 
-    /// Fails if trees have no such cells, or the array has none.
+    /// Fails if trees do not support such cells, or the array is empty.
     pub(super) fn check(&self, path: &Path) -> Result<()> {
         if !self.value().is_supported() {
             let found = format!("an array of {} channels of {}", self.channels, self.format.name());
@@ -59,30 +60,30 @@ impl ArrayLayout {
     }
 }
 
-/// An array in a file that has all its samples, or those of a box.
+/// An array in a file that has all samples, or those of a box.
 pub(super) struct Array {
     path: PathBuf,
     file: File,
     layout: ArrayLayout,
     /// Bytes before the samples.
     start: u64,
-    /// The cells that the file has.
+    /// The box of cells that the file has.
     cells: Bounds,
 }
 
 impl Array {
-    /// The samples of a file from a byte on.
+    /// An array whose samples begin at byte `start` of a file.
     pub(super) fn new(path: &Path, file: File, layout: ArrayLayout, start: u64) -> Array {
         let cells = Bounds::picture(layout.size);
         Array { path: path.to_path_buf(), file, layout, start, cells }
     }
 
-    /// The samples of a box of an array, of which a file has no others.
+    /// An array of which a file has only the samples of a box.
     pub(super) fn of_box(path: &Path, file: File, layout: ArrayLayout, cells: Bounds) -> Array {
         Array { path: path.to_path_buf(), file, layout, start: 0, cells }
     }
 
-    /// The cells that are wanted, in cubes so small that two of them fit in `memory` bytes, if possible.
+    /// Yields the wanted cells in cubes, so small that two of them fit `memory` bytes if possible.
     pub(super) fn slabs(self, wanted: WantedCells, memory: u64) -> ArraySlabs {
         let mut side = MOST;
         while side > SlabBoxes::least_side(Dimension::Oct)
@@ -94,14 +95,14 @@ impl Array {
         ArraySlabs { array: self, cubes, stored: Vec::new() }
     }
 
-    /// Reads the samples of a box of the array into `bytes`, by way of some as the file has them.
+    /// Reads the samples of a box into `bytes`; `stored` is a buffer for the file's representation.
     fn read(&self, first: [u64; 3], size: [u64; 3], stored: &mut Vec<u8>, bytes: &mut Vec<u8>) -> Result<()> {
         let ArrayLayout { format, is_big_endian, .. } = self.layout;
         let [width, height, _] = self.cells.size();
         let first: [u64; 3] = std::array::from_fn(|axis| first[axis] - self.cells.min[axis]);
         let (value, cell) = (self.layout.value().size(), self.layout.cell());
         let sample = format.bits() / 8;
-        // Rows that follow each other in the file are read at once.
+        // Rows that are contiguous in the file are read at once.
         let rows = if size[0] == width { size[1] } else { 1 };
         let run = (rows * size[0]) as usize;
         stored.resize(run * cell, 0);
@@ -126,11 +127,11 @@ impl Array {
     }
 }
 
-/// An array cube by cube, in FD order, so that parts of the tree are finished early.
+/// An array in cubes, in FD order, so that subtrees are completed early.
 pub(super) struct ArraySlabs {
     array: Array,
     cubes: SlabBoxes,
-    /// Samples as the file has them, of a row or of rows that follow each other.
+    /// Buffer for the file's representation of contiguous rows.
     stored: Vec<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! Files of a volume, and the way in which they are read.
+//! Input files of a volume, and how they are read.
 
 use std::path::{Path, PathBuf};
 use std::slice;
@@ -9,19 +9,19 @@ use crate::import::{RasterOptions, files_of};
 use spinney_base::Result;
 use spinney_base::io::FileAccess;
 
-/// Files of a volume, and the way in which they are read.
+/// Input files of a volume, and how they are read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum VolumeInput {
-    /// A file that tells what it is: see [`plan`].
+    /// A file with a header: see [`plan`].
     File(PathBuf),
-    /// A file of samples alone: see [`plan_raw`].
+    /// A file of raw samples: see [`plan_raw`].
     Raw(PathBuf, RawLayout),
-    /// Pictures and folders of these, which have the planes: see [`plan_sections`].
+    /// Images and directories of images that are the planes: see [`plan_sections`].
     Sections(Vec<PathBuf>),
 }
 
 impl VolumeInput {
-    /// The files and folders, as they are named.
+    /// The files and directories as given.
     pub fn paths(&self) -> &[PathBuf] {
         match self {
             VolumeInput::File(path) | VolumeInput::Raw(path, _) => slice::from_ref(path),
@@ -29,7 +29,7 @@ impl VolumeInput {
         }
     }
 
-    /// Opens the volume, and decides how its octree is built.
+    /// Opens the volume and plans its octree.
     ///
     /// # Errors
     /// Those of [`plan`], [`plan_raw`] and [`plan_sections`].
@@ -41,10 +41,10 @@ impl VolumeInput {
         }
     }
 
-    /// The files that have the planes, in their order; of other volumes the file.
+    /// Returns the files of the planes, in order; for other volumes the file itself.
     ///
     /// # Errors
-    /// If a folder cannot be read, or has no pictures.
+    /// If a directory cannot be read, or has no images.
     pub fn pictures(&self) -> Result<Vec<PathBuf>> {
         match self {
             VolumeInput::Sections(paths) => Ok(pictures_of(paths)?.0),
@@ -52,11 +52,11 @@ impl VolumeInput {
         }
     }
 
-    /// All files that are looked at when these are read, whether they are there or not: the file, and that of its samples, if they are in another;
-    /// of planes each picture, with what may stand beside it.
+    /// Returns all files that an import may read, whether they exist or not: the file and its
+    /// separate data file, or each image with its possible sidecars.
     ///
     /// # Errors
-    /// If a file, or a folder, cannot be read.
+    /// If a file or directory cannot be read.
     pub fn files(&self, access: &FileAccess) -> Result<Vec<PathBuf>> {
         let options = RasterOptions { access: access.clone(), ..RasterOptions::default() };
         let mut files = Vec::new();
@@ -72,7 +72,7 @@ impl VolumeInput {
     }
 }
 
-/// The file that has a volume's samples, if that is another one.
+/// The separate file with a volume's samples, if it has one.
 fn data_beside(path: &Path) -> Result<Option<PathBuf>> {
     if nrrd::is_one(path) { nrrd::data_file(path) } else { Ok(None) }
 }

@@ -1,4 +1,4 @@
-//! Volumes: arrays of three dimensions, which become octrees.
+//! Import of volumes: three-dimensional arrays, which become octrees.
 
 mod array;
 mod input;
@@ -32,49 +32,50 @@ use spinney_crs::{Crs, Frame};
 use spinney_engine::store::{BuildOptions, Packing, TreeWriter, WantedCells};
 use spinney_records::npy::MAGIC;
 
-/// Options for an import of a volume.
+/// Options for the import of a volume.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct VolumeOptions {
-    /// Kind of the samples; continuous if not said.
+    /// Kind of the samples; continuous by default.
     pub kind: Option<DataKind>,
-    /// Rule for the representatives of inner nodes; the usual one for the kind if not said.
+    /// Rule for the representatives of inner nodes; the default depends on the kind.
     pub rule: Option<Rule>,
-    /// The number that means VOID. NaN always does.
+    /// The number that means VOID. NaN always means VOID.
     #[serde(with = "spinney_base::text_fields")]
     pub nodata: Option<Number>,
-    /// Levels of the tree; as few as hold the volume if not said.
+    /// Depth of the tree; by default the minimum that holds the volume.
     pub depth: Option<u8>,
-    /// Map from cells to the world: see [`Frame::matrix`]. Cells of unit width at the origin if not said.
+    /// Transform from cells to the world: see [`Frame::matrix`]. The default is cells of unit width
+    /// at the origin.
     #[serde(with = "spinney_base::text_fields")]
     pub transform: Option<[[f64; 4]; 3]>,
-    /// The coordinate system.
+    /// The coordinate reference system.
     pub crs: Option<Crs>,
-    /// Bytes of memory for everything: half for reading; [`DEFAULT_MEMORY`] if not said.
+    /// Memory budget in bytes, half of it for reading; the default is [`DEFAULT_MEMORY`].
     #[serde(skip)]
     pub memory: Option<u64>,
-    /// Whether equal subtrees are stored once, in Autumnal files.
+    /// Whether Autumnal files store equal subtrees once.
     #[serde(skip)]
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    /// Time of the first commit of an Autumnal file, in seconds since the beginning of 1970.
     #[serde(skip)]
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// Compression of the file, and the loss that it may cause.
     pub packing: Packing,
-    /// How images that are planes of a volume are opened. (Other volumes are local files.)
+    /// File access for images that are planes of a volume. (Other volumes are local files.)
     #[serde(skip)]
     pub access: FileAccess,
 }
 
 impl VolumeOptions {
-    /// Options that are usual for the samples, in cells of unit width.
+    /// Default options: cells of unit width.
     pub fn new() -> VolumeOptions {
         VolumeOptions::default()
     }
 }
 
-/// A volume that is open and understood, ready to be built: see [`VolumeImport::build`].
+/// An opened volume that is ready to be built: see [`VolumeImport::build`].
 pub struct VolumeImport {
     samples: Samples,
     /// Cells along x, y and z.
@@ -85,18 +86,18 @@ pub struct VolumeImport {
     description: Vec<(&'static str, String)>,
 }
 
-/// Where the samples are.
+/// Source of the samples.
 enum Samples {
     Array(Array),
     Sections(Box<Sections>),
     Packed(Box<nrrd::Packed>),
 }
 
-/// A volume as its file, or somebody else, tells of it.
+/// Description of a volume, from its file or from the caller.
 struct Told {
-    /// Its format, in words.
+    /// Description of its format.
     words: String,
-    /// Name of the samples' type.
+    /// Name of the sample type.
     stored: String,
     layout: ArrayLayout,
     metadata: Metadata,
@@ -107,17 +108,18 @@ struct Told {
 /// Whether a file is a volume, by its first bytes.
 pub fn is_volume(path: &Path) -> bool {
     let mut start = Vec::new();
-    // (Of what is no file, such as a pipe, bytes that are read are gone.)
+    // Only regular files: bytes read from a pipe would be lost.
     path.is_file()
         && File::open(path).is_ok_and(|file| file.take(8).read_to_end(&mut start).is_ok())
         && (start.starts_with(MAGIC) || start.starts_with(nrrd::MAGIC))
 }
 
-/// Opens a volume and decides how its octree is built.
+/// Opens a volume and plans its octree.
 ///
-/// Volumes are NPY files, as `numpy.save` writes them: arrays of shape (z, y, x) in C order, or (z, y, x, channels) with up to 4
-/// channels; and NRRD files, raw or compressed, with their samples or beside them, whose place, units and tags are kept. Types that trees do not have become the next wider
-/// one: bool u8, half f32.
+/// Volumes are NPY or NRRD files. NPY files, as written by `numpy.save`, have arrays of shape (z,
+/// y, x) in C order, or (z, y, x, channels) with up to 4 channels. NRRD files are raw or
+/// compressed, with samples inside or in a data file. Their frame, units and tags are kept. Sample
+/// types that trees do not support become the next wider type: bool becomes u8, half becomes f32.
 ///
 /// ```
 /// use spinney::import::volume::{VolumeOptions, plan};
@@ -126,7 +128,9 @@ pub fn is_volume(path: &Path) -> bool {
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let (array, path) = (folder.path().join("volume.npy"), folder.path().join("volume.goblin"));
 /// let mut bytes = b"\x93NUMPY\x01\0\x76\0".to_vec();
-/// bytes.extend(format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4)}").bytes());
+/// bytes.extend(
+///     format!("{:117}\n", "{'descr': '<f4', 'fortran_order': False, 'shape': (2, 3, 4)}")
+///         .bytes());
 /// bytes.extend((0..24).flat_map(|number| (number as f32).to_le_bytes()));
 /// std::fs::write(&array, bytes).unwrap();
 ///
@@ -140,13 +144,14 @@ pub fn is_volume(path: &Path) -> bool {
 /// ```
 ///
 /// # Errors
-/// If the file cannot be read, is no such array or not as long as its header says, or the options do not fit it.
+/// If the file cannot be read, is no such array or not as long as its header says, or the options
+/// do not fit it.
 pub fn plan(path: &Path, options: &VolumeOptions) -> Result<VolumeImport> {
     let opened = if nrrd::is_one(path) { nrrd::open(path, &options.access)? } else { npy::open(path)? };
     planned(&[path.to_path_buf()], opened, options)
 }
 
-/// Opens a file of samples alone, and decides how its octree is built.
+/// Opens a file of raw samples and plans its octree.
 ///
 /// ```
 /// use spinney::import::volume::VolumeOptions;
@@ -169,13 +174,16 @@ pub fn plan_raw(path: &Path, layout: &RawLayout, options: &VolumeOptions) -> Res
     planned(&[path.to_path_buf()], raw::open(path, layout)?, options)
 }
 
-/// Opens pictures that are the planes of a volume, one below the other along z, and decides how its octree is built: files, pages of TIFF files, and folders of pictures. They are
-/// alike: in size, number of bands and type. Place, nodata, colours and tags are those of the first.
+/// Opens images that are the planes of a volume, ordered along z, and plans its octree. Inputs are
+/// files, pages of TIFF files, and directories of images. All planes must have the same size,
+/// number of bands and sample type. Frame, nodata number, colours and tags are those of the first.
 ///
-/// Pictures in a folder come in the order of the numbers in their names, with signs, decimals and units of length; a warning reports numbers that are missing. So do files that are given in the order of their letters, as a shell's pattern gives them.
+/// Images of a directory are sorted by the numbers in their names, with signs, decimals and units
+/// of length; a warning reports missing numbers. Files that are given in alphabetical order, as by
+/// a shell pattern, are sorted in the same way.
 ///
 /// # Errors
-/// If a file cannot be read, they differ or have opacity, or the options do not fit them.
+/// If a file cannot be read, the images differ or have opacity, or the options do not fit them.
 pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<VolumeImport> {
     let (memory, access) = (options.memory.unwrap_or(DEFAULT_MEMORY) / 2, options.access.clone());
     let sections = Sections::open(inputs, RasterOptions { memory, access, ..RasterOptions::default() })?;
@@ -209,7 +217,7 @@ pub fn plan_sections(inputs: &[PathBuf], options: &VolumeOptions) -> Result<Volu
     planned(&files, told, options)
 }
 
-/// Plans a volume that files tell of.
+/// Plans a volume from its description.
 fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<VolumeImport> {
     let Told { words, stored, layout, metadata, kind: told_kind, samples } = told;
     let value = layout.value();
@@ -253,7 +261,7 @@ fn planned(paths: &[PathBuf], told: Told, options: &VolumeOptions) -> Result<Vol
     Ok(VolumeImport { samples, size: layout.size, value, options, memory, description })
 }
 
-/// The place in the world that is asked for, or told.
+/// The frame of the file, with the transform and coordinate system of the options.
 fn frame(told: &Frame, options: &VolumeOptions) -> Result<Frame> {
     let mut frame = told.clone();
     frame.crs = options.crs.clone().or(frame.crs);
@@ -267,7 +275,7 @@ fn frame(told: &Frame, options: &VolumeOptions) -> Result<Frame> {
 }
 
 impl VolumeImport {
-    /// Description of the plan: pairs of a heading and its text.
+    /// Description of the plan: pairs of heading and text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
@@ -282,12 +290,13 @@ impl VolumeImport {
         self.value
     }
 
-    /// Builds the octree, on the threads of the current rayon pool; progress counts cells. Samples of pictures, and those that are
-    /// compressed, go to a temporary file in the output's folder first.
+    /// Builds the octree on the threads of the current rayon pool; progress counts cells. Samples
+    /// of images and compressed samples are first written to a temporary file in the output's
+    /// directory.
     ///
     /// # Errors
-    /// If the file cannot be read or has become shorter, the output cannot be written, or on interruption; nothing is left behind
-    /// then.
+    /// If the file cannot be read or was truncated, the output cannot be written, or on
+    /// cancellation. Nothing is left then.
     pub fn build(self, output: Output, progress: &dyn Progress) -> Result<()> {
         let beside = folder(output.path()).to_path_buf();
         let mut file = TreeWriter::create(output, (Dimension::Oct, self.options.depth), 1)?;
@@ -295,8 +304,8 @@ impl VolumeImport {
         file.finish()
     }
 
-    /// Writes the octree as the next layer of a file, or what is asked for of it; temporary files are made in a folder, and have what is asked for
-    /// alone.
+    /// Writes the octree, or the requested range of it, as the next layer of a file. Temporary
+    /// files are created in the directory `beside`, and hold only the requested samples.
     ///
     /// # Errors
     /// Those of [`VolumeImport::build`].

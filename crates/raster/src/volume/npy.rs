@@ -11,7 +11,7 @@ use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_records::npy::NpyHeader;
 
-/// The samples that a type's name means, and whether they are big-endian.
+/// The sample format of a type name, and whether it is big-endian.
 fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
     let (order, name) = descr.split_at_checked(1)?;
     let format = match name {
@@ -32,10 +32,10 @@ fn sample_format(descr: &str) -> Option<(SampleFormat, bool)> {
     is_known.then_some((format, order == ">"))
 }
 
-/// Opens a file, and makes sure that it has all samples that its header tells of.
+/// Opens a file and checks that it has all samples that its header declares.
 ///
 /// # Errors
-/// If it cannot be read, is no array of three dimensions, or has another length.
+/// If it cannot be read, is not a three-dimensional array, or has another length.
 pub(super) fn open(path: &Path) -> Result<Told> {
     let mut file = File::open(path).map_err(Error::io(path, "open"))?;
     let header = NpyHeader::read(&mut file, path)?;

@@ -1,4 +1,4 @@
-//! Volumes in files of samples alone, of which somebody else knows what they are.
+//! Volumes in files of raw samples, whose layout the caller provides.
 
 use std::path::Path;
 
@@ -11,7 +11,8 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
-/// Layout of the bytes of a file that does not tell it: samples one after the other, those of a cell together, x fastest, then y, then z.
+/// Layout of a file without a header: contiguous samples, those of a cell together, x fastest, then
+/// y, then z.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
@@ -20,25 +21,25 @@ pub struct RawLayout {
     pub size: [u64; 3],
     /// Type of the samples.
     pub sample: SampleType,
-    /// Samples of a cell, at most 4.
+    /// Samples per cell, at most 4.
     pub channels: u8,
-    /// Whether the highest byte of a sample comes first.
+    /// Whether the most significant byte of a sample comes first.
     pub is_big_endian: bool,
     /// Bytes of the file before the first sample.
     pub skip: u64,
 }
 
 impl RawLayout {
-    /// One little-endian sample a cell, from the first byte on.
+    /// One little-endian sample per cell, from the first byte on.
     pub fn new(size: [u64; 3], sample: SampleType) -> RawLayout {
         RawLayout { size, sample, channels: 1, is_big_endian: false, skip: 0 }
     }
 }
 
-/// Opens a file, and makes sure that it has as many bytes as it should.
+/// Opens a file and checks its length.
 ///
 /// # Errors
-/// If it cannot be read, has another length, or trees have no such cells.
+/// If it cannot be read, has another length, or trees do not support such cells.
 pub(super) fn open(path: &Path, raw: &RawLayout) -> Result<Told> {
     let file = open_input(path)?;
     let RawLayout { size: [x, y, z], sample, channels, is_big_endian, skip } = *raw;

@@ -1,7 +1,8 @@
-//! Names of sections: their order, by the numbers in them, and the numbers that are missing.
+//! Names of sections: sorting by the numbers in them, and detection of missing numbers.
 //!
-//! A number may have a sign, a decimal fraction and a unit of length: `z_-10um.tif`, `z=0.5mm.png`. What a minus or a point means is decided by all names
-//! that are alike but for their numbers.
+//! A number may have a sign, a decimal fraction and a unit of length: `z_-10um.tif`, `z=0.5mm.png`.
+//! Whether a minus is a sign, and a point a decimal point, depends on all names that differ only in
+//! their numbers.
 
 use std::cmp::Ordering;
 use std::collections::HashMap;
@@ -10,7 +11,7 @@ use std::path::{Path, PathBuf};
 use super::sections::ENDINGS;
 use spinney_base::sort;
 
-/// Units of length, each with the power of ten that it has in metres.
+/// Units of length with their powers of ten in metres.
 const UNITS: [(&str, i32); 13] = [
     ("nm", -9),
     ("um", -6),
@@ -27,17 +28,17 @@ const UNITS: [(&str, i32); 13] = [
     ("km", 3),
 ];
 
-/// Gaps that a report lists.
+/// Maximum number of gaps in a report.
 const MAX_GAPS: usize = 8;
 
-/// A name, taken apart: a text before each number, and one after the last.
+/// A parsed name: a literal before each number, and one after the last.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Name {
     literals: Vec<String>,
     numbers: Vec<NumberText>,
 }
 
-/// A number, as it is written.
+/// A number as written.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct NumberText {
     sign: Option<char>,
@@ -47,7 +48,7 @@ struct NumberText {
 }
 
 impl Name {
-    /// Takes a file's name apart, without the ending of images.
+    /// Parses a file name without its image extension.
     fn of(path: &Path) -> Name {
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let is_image = |ending: &str| ENDINGS.contains(&&*ending.to_ascii_lowercase());
@@ -67,14 +68,14 @@ impl Name {
             }
             let digits = take_digits(&mut rest);
             let mut number = NumberText { digits, ..NumberText::default() };
-            // (What is between two numbers, as in dates, is no sign.)
+            // A minus between two numbers, as in dates, is not a sign.
             if let Some(sign) = text.chars().last().filter(|last| "+-\u{2212}".contains(*last))
                 && (text.chars().count() != 1 || parsed.numbers.is_empty())
             {
                 text.truncate(text.len() - sign.len_utf8());
                 number.sign = Some(if sign == '+' { '+' } else { '-' });
             }
-            // (Of 1.2.3, no number is a fraction.)
+            // In a list such as 1.2.3, no number is a fraction.
             let is_in_list = text == "." && !parsed.numbers.is_empty();
             let mut after = rest.strip_prefix('.').unwrap_or_default();
             let fraction = take_digits(&mut after);
@@ -97,7 +98,7 @@ impl Name {
     }
 }
 
-/// Takes digits off the start of a text.
+/// Splits leading digits off a string.
 fn take_digits(rest: &mut &str) -> String {
     let end = rest.find(|c: char| !c.is_ascii_digit()).unwrap_or(rest.len());
     let (digits, after) = rest.split_at(end);
@@ -105,7 +106,7 @@ fn take_digits(rest: &mut &str) -> String {
     digits.into()
 }
 
-/// A number: digits before and after the point, without zeros that mean nothing.
+/// A decimal number: digits before and after the point, without redundant zeros.
 #[derive(Clone, Debug, PartialEq, Eq)]
 struct Decimal {
     is_negative: bool,
@@ -114,7 +115,7 @@ struct Decimal {
 }
 
 impl Decimal {
-    /// Number from its digits, times a power of ten.
+    /// The number with these digits, times a power of ten.
     fn new(is_negative: bool, whole: &str, fraction: &str, power: i32) -> Decimal {
         let (mut whole, mut fraction) = (whole.to_string(), fraction.to_string());
         for _ in 0..power.abs() {
@@ -129,7 +130,7 @@ impl Decimal {
         Decimal { is_negative: is_negative && !is_zero, whole: whole.into(), fraction: fraction.into() }
     }
 
-    /// The number in units of `10^-digits`, if it is not too long.
+    /// The number in units of `10^-digits`, unless it is too long.
     fn scaled(&self, digits: usize) -> Option<i128> {
         let text = format!("0{}{:0<digits$}", self.whole, self.fraction);
         let number: i128 = if text.len() < 38 { text.parse().ok()? } else { return None };
@@ -155,14 +156,14 @@ impl PartialOrd for Decimal {
     }
 }
 
-/// Part of a name as it counts for the order; numbers come before literals.
+/// Sort key of a component of a name; numbers come before literals.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Key {
     Number(Decimal),
     Text(String),
 }
 
-/// A number's meaning in all names that are alike.
+/// Interpretation of a number in all names that differ only in their numbers.
 #[derive(Clone, Copy)]
 struct Meaning {
     has_signs: bool,
@@ -172,12 +173,14 @@ struct Meaning {
 }
 
 impl Meaning {
-    /// Of the numbers at a position of some names, which are after a text.
+    /// Interprets the numbers at one position of several names; `before` is the literal before
+    /// them.
     fn of(numbers: &[&NumberText], before: &str) -> Meaning {
-        // A minus is a hyphen where all have one after a word: slice-01, slice-02.
+        // A minus that all numbers have after a word is a hyphen: slice-01, slice-02.
         let is_after_word = before.chars().last().is_some_and(char::is_alphanumeric);
         let is_hyphen = is_after_word && numbers.iter().all(|number| number.sign == Some('-'));
-        // Decimals are of equal length, or written without zeros at the end; 1.9 and 1.10 are two numbers each.
+        // Fractions are decimal if they have equal lengths or no trailing zeros. Otherwise 1.9 and
+        // 1.10 are pairs of integers.
         let fractions = || numbers.iter().map(|number| number.fraction.as_deref().unwrap_or_default());
         let length = fractions().next().map_or(0, str::len);
         let are_equal = fractions().all(|fraction| fraction.len() == length);
@@ -203,7 +206,7 @@ fn power(unit: usize) -> i32 {
     UNITS[unit].1
 }
 
-/// Names that are alike but for their numbers, and meanings of these.
+/// Names that differ only in their numbers, and the interpretations of these.
 struct Shapes(HashMap<Vec<String>, Vec<Meaning>>);
 
 impl Shapes {
@@ -249,13 +252,13 @@ pub(super) fn sort_by_numbers(files: &mut Vec<PathBuf>) {
     let keys =
         parents.iter().zip(&names).map(|(parent, name)| (of_parents.keys(parent), of_names.keys(name)));
     let mut keyed: Vec<_> = keys.zip(std::mem::take(files)).collect();
-    // (Names that differ in zeros before their numbers alone come in the order of their letters.)
+    // Names that differ only in leading zeros of numbers are sorted by their letters.
     sort::by(&mut keyed, &mut |a, b| a.cmp(b));
     *files = keyed.into_iter().map(|(_, file)| file).collect();
 }
 
-/// A report on numbers that are missing in the names of sections, or there twice, in their order; `None` if there are none, or names are not alike but for one
-/// number.
+/// Reports missing and repeated numbers in sorted section names. `None` if there are none, or if
+/// names differ in more than one number.
 pub(super) fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     let names: Vec<Name> = files.iter().map(|file| Name::of(file)).collect();
     let first = names.first()?;
@@ -310,7 +313,7 @@ pub(super) fn missing_numbers(files: &[PathBuf]) -> Option<String> {
     })
 }
 
-/// A number in units of `10^-digits` as a decimal.
+/// Formats a number in units of `10^-digits` as a decimal.
 fn decimal(number: i128, digits: usize) -> String {
     let text = format!("{:0>width$}", number.unsigned_abs(), width = digits + 1);
     let (whole, fraction) = text.split_at(text.len() - digits);
@@ -327,7 +330,7 @@ mod tests {
         names.iter().map(PathBuf::from).collect()
     }
 
-    /// Any order of the names becomes the expected one.
+    /// Checks that all rotations of the names are sorted into the expected order.
     fn check(expected: &[&str]) {
         let expected = paths(expected);
         for turn in 0..expected.len() {
@@ -358,7 +361,7 @@ mod tests {
         check(&["z-10mm.tif", "z-5mm.tif", "z0mm.tif", "z5mm.tif", "z10mm.tif"]);
         check(&["z=-0.5.tif", "z=0.tif", "z=0.25.tif", "z=0.5.tif", "z=10.tif"]);
         check(&["900um.png", "1mm.png", "1.05mm.png", "1.1 mm.png", "0.2cm.png"]);
-        // Hyphens are no signs.
+        // Hyphens are not signs.
         check(&["slice-1.png", "slice-2.png", "slice-10.png"]);
     }
 

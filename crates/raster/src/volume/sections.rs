@@ -1,4 +1,4 @@
-//! Volumes in pictures: each is a plane, a file of its own or a page of a TIFF file.
+//! Volumes as stacks of images: each plane is a file or a page of a TIFF file.
 
 use std::path::{Path, PathBuf};
 
@@ -10,33 +10,33 @@ use spinney_base::space::{Bounds, Region};
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Progress, Result};
 
-/// Rows that are read at once, if memory allows.
+/// Maximum number of rows read at once, if memory allows.
 const ROWS: u64 = 256;
 
-/// Endings of pictures' names, which a folder of sections has.
+/// File name extensions of images in a directory of sections.
 pub(super) const ENDINGS: [&str; 17] = [
     "bmp", "exr", "gif", "hdr", "jpeg", "jpg", "pam", "pbm", "pgm", "png", "pnm", "ppm", "qoi", "tga", "tif",
     "tiff", "webp",
 ];
 
-/// A plane: a file, and the number and the directory of its page, if it has several.
+/// A plane: a file and, in files of several pages, number and directory offset of the page.
 struct Section {
     file: usize,
     page: Option<(usize, u64)>,
 }
 
-/// Pictures that are alike, one below the other along z.
+/// Images of the same size and type, stacked along z.
 pub(super) struct Sections {
     pub(super) files: Vec<PathBuf>,
     sections: Vec<Section>,
-    /// Files in folders of sections that are no pictures.
+    /// Number of other files in directories of sections.
     pub(super) others: u64,
-    /// A report on numbers that are missing in their names.
+    /// Report on missing numbers in the file names.
     pub(super) missing: Option<String>,
-    /// Facts of the first, which hold for all but for their words.
+    /// Description of the first image. It holds for all, except for names and other strings.
     pub(super) info: RasterInfo,
     pub(super) layout: ArrayLayout,
-    /// How images are opened, with as much memory as may be used for one.
+    /// Options to open images, with the memory budget for one image.
     options: RasterOptions,
 }
 
@@ -92,8 +92,9 @@ impl Sections {
         Ok(Sections { files, sections, others, missing, info, layout, options })
     }
 
-    /// The samples of a box in a temporary file in a folder, one plane after the other, where blocks of many are read at once. Of planes outside of
-    /// the box nothing is read, and of others only the box, where their format allows it.
+    /// Writes the samples of a box to a temporary file in a directory, plane by plane, so that
+    /// cubes across many planes can be read. Planes outside of the box are not read; of others only
+    /// the box is read, if the format allows it.
     pub(super) fn spill(self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
         let mut out = BoxSpill::new(self.layout, cells, folder)?;
         if let Some(report) = &self.missing {
@@ -136,12 +137,12 @@ impl Sections {
     }
 }
 
-/// Facts that sections share, in words.
+/// Describes the properties that sections share.
 fn about(info: &RasterInfo) -> String {
     format!("{} x {} pixels of {} channels of {}", info.width, info.height, info.channels, info.stored_sample)
 }
 
-/// The error that a section is not like the first one.
+/// The error that a section differs from the first one.
 fn unlike(path: &Path, page: Option<(usize, u64)>, (found, expected): (String, &str), first: &Path) -> Error {
     match page {
         Some((number, _)) => {
@@ -164,13 +165,13 @@ fn with_mask(path: &Path, what: &str) -> Error {
     Error::unsupported(path, found, "say --pages layers for a layer of each page, or --stack of each file")
 }
 
-/// A picture, or a page of it.
+/// Opens an image, or a page of it.
 fn section(path: &Path, page: Option<(usize, u64)>, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (page, directory) = page.unzip();
     open(path, &RasterOptions { page, directory, ..options.clone() })
 }
 
-/// Samples as they are read.
+/// Format of samples after decoding.
 fn stored_format(sample: SampleType) -> SampleFormat {
     match sample {
         SampleType::U8 => SampleFormat::Uint(8),
@@ -186,9 +187,10 @@ fn stored_format(sample: SampleType) -> SampleFormat {
     }
 }
 
-/// The pictures that are meant, and the number of other files in folders. Those of a folder come in the order of the numbers in their names, which may have signs,
-/// decimals and units of length. So do those that are listed in
-/// the order of their letters, as a shell's pattern lists them, with `z10` before `z2`; any other order is one that somebody chose.
+/// Lists the images, and counts the other files in directories. Images of a directory are sorted by
+/// the numbers in their names, with signs, decimals and units of length. Files that are given in
+/// alphabetical order, as by a shell pattern, are sorted in the same way, so that `z2` comes before
+/// `z10`. Any other given order is kept.
 pub(super) fn pictures_of(inputs: &[PathBuf]) -> Result<(Vec<PathBuf>, u64)> {
     let (mut files, mut others) = (Vec::new(), 0);
     for input in inputs {

@@ -1,4 +1,5 @@
-//! Samples that come in their order alone, of which what is wanted is put on disk, so that it can be read anywhere.
+//! Temporary file for samples that can only be read sequentially. It holds the samples of a box,
+//! for random access.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -15,13 +16,14 @@ pub(super) struct BoxSpill {
     folder: PathBuf,
     layout: ArrayLayout,
     cells: Bounds,
-    /// Bytes of a plane, or of a row where the box does not have whole ones, and those of them that are wanted.
+    /// Bytes of a plane, or of a row if the box has no whole rows, and the wanted range of these.
     part: u64,
     inside: Range<u64>,
 }
 
 impl BoxSpill {
-    /// Starts a file in a folder, for a box of an array whose bytes are known to have room in one.
+    /// Starts a file in a directory, for a box of an array whose size in bytes is known to fit a
+    /// file.
     pub(super) fn new(layout: ArrayLayout, cells: Bounds, folder: &Path) -> Result<BoxSpill> {
         let out = BufWriter::new(tempfile::tempfile_in(folder).map_err(failed(folder))?);
         let row = layout.size[0] * layout.cell() as u64;
@@ -33,7 +35,7 @@ impl BoxSpill {
         Ok(BoxSpill { out, folder: folder.to_path_buf(), layout, cells, part, inside })
     }
 
-    /// Takes bytes of the array, of which the first has this number; those before them were there already.
+    /// Consumes the next bytes of the array; `at` is the index of the first one.
     pub(super) fn write(&mut self, mut at: u64, mut bytes: &[u8]) -> Result<()> {
         while !bytes.is_empty() {
             let (number, from) = (at / self.part, at % self.part);
@@ -49,7 +51,7 @@ impl BoxSpill {
         Ok(())
     }
 
-    /// Whether something of a plane, or of a row, is wanted.
+    /// Whether the box intersects a plane or row.
     fn has_part(&self, number: u64) -> bool {
         let [_, height, _] = self.layout.size;
         let is_in = |axis: usize, at: u64| (self.cells.min[axis]..self.cells.max[axis]).contains(&at);
@@ -59,7 +61,7 @@ impl BoxSpill {
         }
     }
 
-    /// Bytes of the array behind which nothing is wanted.
+    /// The end of the box: no byte of the array after it is needed.
     pub(super) fn end(&self) -> u64 {
         let [width, height, _] = self.layout.size;
         match self.cells.is_empty() {
@@ -71,7 +73,7 @@ impl BoxSpill {
         }
     }
 
-    /// The box; `path` is that of what the samples are of, for messages.
+    /// Returns the box as an array; `path` names the original file in messages.
     pub(super) fn finish(self, path: &Path) -> Result<Array> {
         let file = self.out.into_inner().map_err(|error| failed(&self.folder)(error.into_error()))?;
         Ok(Array::of_box(path, file, self.layout, self.cells))

@@ -1,4 +1,4 @@
-//! Volumes in shards: the bytes of one build.
+//! Merged shards of volumes have the same bytes as a single build.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -11,10 +11,10 @@ use spinney_base::value::{DataKind, SampleType};
 use spinney_engine::store::goblin::{Shard, ShardPiece, merge_shards};
 use spinney_engine::store::{Packing, TreeWriter};
 
-/// Cells along x, y and z: more than a unit along two axes.
+/// Cells along x, y and z: more than one unit along two axes.
 const SIZE: [u64; 3] = [150, 70, 131];
 
-/// Samples of two bytes: blobs, noise, and a part that is all alike.
+/// Two-byte samples: blobs, noise, and a uniform region.
 fn samples() -> Vec<u16> {
     let mut state = 7u64;
     let [width, height, planes] = SIZE;
@@ -29,7 +29,7 @@ fn samples() -> Vec<u16> {
     samples
 }
 
-/// Builds shards cut at units, which are given by the numbers of those that each begins with, and merges them.
+/// Builds and merges shards. `cuts` are the numbers of the first unit of each.
 fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64]) -> Vec<u8> {
     let (head, merged) = (folder.join("head.goblin"), folder.join("merged.goblin"));
     let depth = open().unwrap().options().depth;
@@ -60,7 +60,7 @@ fn in_shards(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>, cuts: &[u64
     std::fs::read(merged).unwrap()
 }
 
-/// Compares the bytes of shards with those of one build.
+/// Compares the bytes of merged shards with those of a single build.
 fn compare(folder: &Path, open: &dyn Fn() -> Result<VolumeImport>) {
     let whole = folder.join("whole.goblin");
     open().unwrap().build(Output::create(&whole).unwrap(), &()).unwrap();
@@ -80,7 +80,7 @@ fn shards_make_the_bytes_of_a_build() {
     let mut options = VolumeOptions::new();
     options.memory = Some(8 << 20);
 
-    // Samples alone, with some that mean VOID, of both orders of bytes, packed and not.
+    // Raw samples, with VOID samples, in both byte orders, packed and not.
     let raw = folder.join("a.raw");
     std::fs::write(&raw, [&[1, 2, 3][..], &bytes(u16::to_be_bytes)].concat()).unwrap();
     let mut layout = RawLayout::new(SIZE, SampleType::U16);
@@ -90,7 +90,7 @@ fn shards_make_the_bytes_of_a_build() {
     options.packing = Packing::packed();
     compare(folder, &|| plan_raw(&raw, &layout, &options));
     (options.nodata, options.packing) = (None, Packing::default());
-    // Floats, and a space of many units of which most are empty.
+    // Floats, and a space of many units, most of them empty.
     let floats: Vec<u8> =
         samples.iter().flat_map(|sample| (f32::from(*sample) / 3.0).to_le_bytes()).collect();
     std::fs::write(&raw, &floats).unwrap();

@@ -1,4 +1,4 @@
-//! The grid of an output: its pixels in cells of the level that they are made of.
+//! The pixel grid of an output, in cells of the level that the pixels are made of.
 
 use super::span::Span;
 use super::{Detail, WindowRequest};
@@ -7,12 +7,12 @@ use spinney_base::value::{DataKind, Rule, ValueType};
 use spinney_base::{Error, Result};
 use spinney_engine::dataset::Dataset;
 
-/// The output's pixels in cells of the level that they are made of.
+/// The pixel grid of an output, in cells of the level that the pixels are made of.
 pub(crate) struct OutputGrid {
     pub(super) level: u8,
     /// Cells of the level that the pixels are made of: one layer of them.
     pub(super) source: Bounds,
-    /// The tree's axis that the output does not have, and those of its columns and rows.
+    /// The axis of the tree that the output lacks, then the axes of its columns and rows.
     pub(super) across: usize,
     pub(super) axes: [usize; 2],
     pub(super) width: u64,
@@ -26,19 +26,20 @@ pub(crate) struct OutputGrid {
 /// Content of an output's pixels.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum PixelContent {
-    /// A cell of the level each.
+    /// One cell of the level per pixel.
     Cell,
-    /// Means of the cells of the level that they cover, or the cell at their centre.
+    /// Mean of the cells of the level that the pixel covers, or the cell at its centre.
     Resampled,
-    /// Exact means of the deepest cells.
+    /// Exact mean of the deepest cells.
     Exact,
 }
 
 impl OutputGrid {
-    /// The grid that a request asks for.
+    /// Computes the grid of a request.
     ///
     /// # Errors
-    /// If the window is empty or outside of the tree, the tree has no such level, or the output would have no pixels.
+    /// If the window is empty or outside of the tree, the tree has no such level, or the output
+    /// would have no pixels.
     pub(crate) fn of(tree: &Dataset, request: &WindowRequest) -> Result<OutputGrid> {
         let depth = tree.depth();
         let across = request.across;
@@ -95,7 +96,8 @@ impl OutputGrid {
                 let [width, height] = axes.map(|axis| source.size()[axis]);
                 (width, height, axes.map(|axis| source.min[axis] as f64), [1.0, 1.0])
             }
-            // The window need not begin or end at cells of the level: its own corners count, divided evenly.
+            // The window need not be aligned to cells of the level: its own corners are divided
+            // evenly.
             Detail::Size(width, height) | Detail::Exact(width, height) => {
                 let scale = (1u64 << shift) as f64;
                 let origin = axes.map(|axis| request.bounds.min[axis] as f64 / scale);
@@ -113,8 +115,9 @@ impl OutputGrid {
 }
 
 impl OutputGrid {
-    /// The grid with so many more pixels on each side (left, top, right, below), as far as the tree has cells at their
-    /// centres; and how many there are.
+    /// Extends the grid by up to `margin` pixels on each side (left, top, right, bottom), as long
+    /// as the pixel centres lie in the tree's extent. Returns the grid and the number of pixels
+    /// added per side.
     pub(super) fn extended(&self, tree: &Dataset, margin: u64) -> (OutputGrid, [u64; 4]) {
         let picture = tree.extent_at(self.level);
         let mut grid = OutputGrid { ..*self };
@@ -138,22 +141,26 @@ impl OutputGrid {
     }
 }
 
-/// Whether pixels of any size are means of the cells that they cover; else they are the cells at their centres.
+/// Whether resampled pixels are means of the cells that they cover. Otherwise they are the cells at
+/// their centres.
 pub(super) fn is_averaged(tree: &Dataset) -> bool {
     let header = tree.header();
     matches!(header.rule, Rule::Mean | Rule::Occupancy) && header.kind == DataKind::Continuous
 }
 
-/// Cells of the level that is averaged along each side of a pixel, at least.
+/// Minimum number of cells per side of a pixel, for the level that is averaged.
 ///
-/// A cell that an edge leaves a share s of is off by at most s (1 - s) of what differs within it, a quarter: with two edges along each
-/// axis and w cells from one to the other a pixel is off by at most 2 * 2 / 4w of that, a half. On a relief the error is a third of GDAL's,
-/// which averages an overview with about one cell to a pixel. Twice as many cells take four times as long for a quarter of the error.
+/// Take a cell of which an edge leaves the share s inside the pixel. Its contribution is off by at
+/// most s (1 - s), that is 1/4, of the range of values within the cell. With two edges per axis and
+/// w cells between them, a pixel is off by at most 2 * 2 / 4w of that range: one half for w = 2. On
+/// a relief the error is a third of GDAL's, which averages an overview with about one cell per
+/// pixel. Twice as many cells take four times as long for a quarter of the error.
 const CELLS_PER_PIXEL: u64 = 2;
 
-/// The level that pixels of a window are made of, given its first cell and its size along columns and rows: the coarsest of which each
-/// pixel has enough cells; or one that is coarser, or finer by one, if each pixel is a whole number of its cells, which then are averaged
-/// without an error.
+/// Returns the level that pixels of a window are made of, given the window's first cell and its
+/// size along columns and rows. That is the coarsest level with enough cells per pixel. A coarser
+/// level, or the next finer one, is preferred if each pixel covers an integer number of its cells:
+/// these are averaged without error.
 fn level_for(tree: &Dataset, (first, size): ([u64; 2], [u64; 2]), (width, height): (u64, u64)) -> u8 {
     let depth = tree.depth();
     let sides = || size.into_iter().zip([width, height]);
@@ -173,15 +180,15 @@ fn level_for(tree: &Dataset, (first, size): ([u64; 2], [u64; 2]), (width, height
     (0..=depth.min(level + 1)).find(is_even).unwrap_or(level)
 }
 
-/// Bytes of memory for a row of the output: the cells it is made of, `step` rows of them if it is resampled,
-/// and its pixels.
+/// Memory in bytes for one row of the output: its cells (the rows that a pixel covers if it is
+/// resampled) and its pixels.
 pub(super) fn row_bytes(value: ValueType, grid: &OutputGrid) -> u64 {
-    // One byte more than the value: whether the cell has one.
+    // One byte per cell in addition to the value: its validity flag.
     let pixel = value.size() as u64 + 1;
     let row = grid.source.size()[grid.axes[0]].saturating_mul(pixel);
     match grid.pixels {
         PixelContent::Cell => return row,
-        // Sums of four channels, and their areas.
+        // Sums of four channels, and the areas that they cover.
         PixelContent::Exact => return grid.width.saturating_mul(pixel + 8 * size_of::<f64>() as u64),
         PixelContent::Resampled => {}
     }

@@ -1,4 +1,4 @@
-//! A window of several layers as one picture: each channel of each is a band.
+//! A window of several layers as one image with one band per channel of each layer.
 
 use super::grid::OutputGrid;
 use super::sampler::{Sampler, flip_rows};
@@ -9,11 +9,12 @@ use spinney_base::value::{Rule, ValueType};
 use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 
-/// Bands of a picture at most.
+/// Maximum number of bands of an image.
 const MAX_BANDS: usize = 255;
 
-/// Writes a window of several layers to a picture or array file, one band for each of their channels. Samples must be of one type; the window is in
-/// cells of the first layer, and the others must lie on its grid ([`Dataset::aligned_layer`]).
+/// Writes a window of several layers to an image or array file, one band per channel of each layer.
+/// All samples must have the same type. The window is in cells of the first layer; the other layers
+/// must lie on its grid ([`Dataset::aligned_layer`]).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -24,14 +25,17 @@ const MAX_BANDS: usize = 255;
 ///
 /// # let folder = tempfile::tempdir().unwrap();
 /// # let path = folder.path().join("part.tif");
-/// let layers = [spinney::open("fixtures/v1/classes.goblin")?, spinney::open("fixtures/v1/classes.goblin")?];
-/// let request = WindowRequest::new(Bounds { min: [8, 8, 0], max: [40, 40, 1] }, Detail::Size(16, 16));
+/// let layers = [
+///     spinney::open("fixtures/v1/classes.goblin")?, spinney::open("fixtures/v1/classes.goblin")?];
+/// let request =
+///     WindowRequest::new(Bounds { min: [8, 8, 0], max: [40, 40, 1] }, Detail::Size(16, 16));
 /// export_layers(&layers, &request, Output::create(&path)?, Format::Tiff, &())?;
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
 /// # Errors
-/// Those of [`export_window`](super::export_window); also if types differ, there are more than 255 bands, or no number is free for VOID.
+/// Those of [`export_window`](super::export_window); also if sample types differ, there are more
+/// than 255 bands, or no number is free for VOID.
 pub fn export_layers(
     layers: &[Dataset],
     request: &WindowRequest,
@@ -59,13 +63,13 @@ pub fn export_layers(
     let grids = grids.collect::<Result<Vec<_>>>()?;
     let (width, height) = (grids[0].width, grids[0].height);
     let spec = spec_of(layers, &grids[0], &all, value);
-    // (Each layer's rows, and those of all together.)
+    // The memory budget covers the rows of each layer and the interleaved rows of all of them.
     let share = WindowRequest { memory: request.memory / (2 * layers.len() as u64), ..request.clone() };
     let rows = layers.iter().zip(&grids).map(|(layer, grid)| rows_at_a_time(layer, &share, grid));
     let rows = rows.collect::<Result<Vec<u64>>>()?.into_iter().min().unwrap_or(1);
     let (path, access) = (output.path().to_path_buf(), output.access().clone());
     if all.needs_mask() {
-        // (A mask is one for all bands, and layers differ in where they are VOID.)
+        // A TIFF has one mask for all bands, but each layer has VOID cells of its own.
         let found = "VOID cells of several layers without a number that is free in all,";
         return Err(Error::unsupported(
             first.name(),
@@ -80,7 +84,7 @@ pub fn export_layers(
         .iter()
         .zip(grids)
         .map(|(tree, grid)| {
-            // (An empty cell is 0 whatever VOID is in other layers.)
+            // In trees of occupancy an empty cell is 0, whatever VOID is in other layers.
             let is_occupancy = tree.header().rule == Rule::Occupancy;
             let fill = if is_occupancy { None } else { all.fill };
             Sampler { tree, grid, fill: fill.unwrap_or_default() }
@@ -114,17 +118,18 @@ pub fn export_layers(
     write_sidecar((&path, &access), format, &spec.metadata, progress)
 }
 
-/// The request for a layer: its pixels are those of the first one's, also where a size is asked for.
+/// The request for one layer. Its pixels are those of the first layer, even if the request gives a
+/// size.
 fn request_for(layer: &Dataset, first: &Dataset, request: &WindowRequest) -> WindowRequest {
     let detail = match request.detail {
-        // (What is a level of the first is the same level of all that lie on its grid.)
+        // All layers on the grid of the first one have the same levels.
         Detail::Level(level) => Detail::Level(level.min(layer.depth()).min(first.depth())),
         size => size,
     };
     WindowRequest { detail, ..request.clone() }
 }
 
-/// The picture of all layers.
+/// The specification of the image of all layers.
 fn spec_of(layers: &[Dataset], grid: &OutputGrid, void: &VoidCells, value: ValueType) -> ImageSpec {
     let mut spec = image_spec(&layers[0], grid, void);
     spec.value = value;

@@ -1,32 +1,33 @@
-//! Means of the cells that pixels cover, weighted by area: rows of cells are added up first, then columns of what they make.
+//! Area-weighted means of the cells that pixels cover. Rows of cells are summed first, then columns
+//! of these sums.
 
 use std::ops::Range;
 
 use super::span::Span;
 use spinney_base::value::{Sample, SampleType, Value, ValueType};
 
-/// Cells of some rows, all along the columns that pixels cover.
+/// Cells of some rows, along all columns that pixels cover.
 pub(super) struct Cells<'a> {
     pub(super) value: ValueType,
-    /// The first row.
+    /// Index of the first row.
     pub(super) first: u64,
-    /// Cells of a row.
+    /// Cells per row.
     pub(super) width: usize,
     pub(super) bytes: &'a [u8],
-    /// Whether each cell has a value; all have one if this is not given.
+    /// Validity flag of each cell; `None` if all cells have values.
     pub(super) valid: Option<&'a [bool]>,
-    /// Means are relative to this: see [`ValueType::samples_from`].
+    /// The value that means are relative to: see [`ValueType::samples_from`].
     pub(super) base: Value,
 }
 
-/// The pixels of a line, one after the other: columns of cells that each covers.
+/// The columns of cells that each pixel of a line covers, in pixel order.
 pub(super) struct Columns {
     pixels: Vec<Column>,
-    /// Shares of their cells, of all pixels.
+    /// Shares of the cells, of all pixels.
     shares: Vec<f64>,
 }
 
-/// Columns that a pixel covers: the first one of a row of cells, and their shares.
+/// The columns that one pixel covers: the first one, as index in a row of cells, and their shares.
 struct Column {
     first: usize,
     shares: Range<usize>,
@@ -35,7 +36,7 @@ struct Column {
 }
 
 impl Columns {
-    /// Those of spans of cells, the first of which in a row has a number.
+    /// Computes the columns of spans. `first` is the number of the first cell in a row.
     pub(super) fn new(spans: &[Span], first: u64) -> Columns {
         let mut columns = Columns { pixels: Vec::with_capacity(spans.len()), shares: Vec::new() };
         for span in spans {
@@ -48,28 +49,28 @@ impl Columns {
         columns
     }
 
-    /// Pixels of a line.
+    /// Number of pixels of a line.
     pub(super) fn len(&self) -> usize {
         self.pixels.len()
     }
 
-    /// First column, shares and their sum of each pixel.
+    /// First column, shares, and sum of the shares of each pixel.
     fn pixels(&self) -> impl Iterator<Item = (usize, &[f64], f64)> {
         self.pixels.iter().map(|pixel| (pixel.first, &self.shares[pixel.shares.clone()], pixel.weight))
     }
 }
 
-/// Sums for each column and channel of the cells of some rows, and their weights.
+/// Sums of the cells of some rows, per column and channel, and their weights.
 #[derive(Default)]
 pub(super) struct Means {
     sums: Vec<f64>,
-    /// Not used if all samples count: then they are all the same.
+    /// Empty if all samples have values: then all weights are the same.
     weights: Vec<f64>,
 }
 
 impl Means {
-    /// The means of all channels of the pixels of a line, and whether each pixel has any: `none` where a channel has none, `fill`
-    /// where no channel has one.
+    /// Computes the means of all channels for the pixels of a line, and whether each pixel has a
+    /// value. A channel without samples gets `none`, a pixel without samples gets `fill`.
     pub(super) fn line(
         &mut self,
         cells: &Cells<'_>,
@@ -81,8 +82,9 @@ impl Means {
         let channels = usize::from(cells.value.channels);
         let length = cells.width * channels;
         let is_full = cells.valid.is_none() && !cells.value.is_masked();
-        // Invariant: a cell's weight is the product of its shares along both axes. So the rows can be added up first, all along the
-        // band, and the columns of each pixel then; sums of whole numbers by whole shares are exact in either order.
+        // Invariant: a cell's weight is the product of its shares along both axes. So rows can be
+        // summed first along the whole band, and columns of each pixel after that. Sums of integers
+        // with integer shares are exact in either order.
         self.sums.clear();
         self.sums.resize(length, 0.0);
         self.weights.clear();
@@ -114,7 +116,7 @@ impl Means {
         }
     }
 
-    /// Adds a row of cells, each of which counts for a share.
+    /// Adds a row of cells with the weight `share`.
     fn add(&mut self, cells: &Cells<'_>, row: usize, share: f64) {
         match cells.value.sample {
             SampleType::U8 => self.add_row(cells, row, share, |[byte]| f64::from(byte)),
@@ -159,7 +161,7 @@ impl Means {
             if valid.is_some_and(|valid| !valid[column]) {
                 continue;
             }
-            // (Of each channel, since its sample may be missing.)
+            // Per channel, since single samples may be missing.
             let present = cells.value.present(Value::from_bytes(value));
             for channel in (0..channels).filter(|channel| present[*channel]) {
                 sums[channel] += share * number(samples[channel]);
@@ -169,7 +171,7 @@ impl Means {
     }
 }
 
-/// The sum of the numbers of each channel of some columns, each by its share.
+/// Weighted sum of each channel over some columns.
 #[inline]
 fn across(shares: &[f64], numbers: &[f64], sums: &mut [f64]) {
     if let [sum] = sums {

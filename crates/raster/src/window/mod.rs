@@ -1,4 +1,4 @@
-//! A window of a tree as a picture, at any level or size, streamed in bands of rows.
+//! Export of a window of a tree as an image, at any level or size, streamed in bands of rows.
 
 mod grid;
 mod layers;
@@ -25,38 +25,41 @@ use spinney_crs::Frame;
 use spinney_engine::dataset::Dataset;
 use spinney_style::{Style, StylePainter};
 
-/// A window of a tree, and its level of detail.
+/// A window of a tree and its level of detail.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct WindowRequest {
-    /// Cells of the deepest level; those beyond the picture are VOID. Along `across` the first counts.
+    /// Window in cells of the deepest level; cells outside of the extent are VOID. Along `across`
+    /// only the first cell is used.
     pub bounds: Bounds,
-    /// The axis that the picture does not have: 2 for quadtrees and level slices of octrees, 0 or 1 for
-    /// upright slices. Columns are then y or x, and rows z; pictures have the highest row at the top, arrays
-    /// the lowest first.
+    /// The axis that the image lacks: 2 for quadtrees and horizontal slices of octrees, 0 or 1 for
+    /// upright slices. In upright slices columns are y or x, and rows are z. Images have the
+    /// highest row at the top, arrays have the lowest row first.
     pub across: usize,
     /// Level or size of the output.
     pub detail: Detail,
-    /// The number for VOID cells where the format needs one: an error if it lies within the layer's values; chosen if not given, see
-    /// [`void_number`].
+    /// The number for VOID cells, where the format needs one; an error if it lies within the range
+    /// of the layer's values. [`void_number`] chooses the default.
     pub nodata: Option<Number>,
-    /// Colours of the values. Without a style outputs have the values themselves; but PNG, which only has those of `u8` and
-    /// `u16`, of channels that are grey or red, green and blue, and opacity, has others in the tree's default style, and WebP all.
+    /// Colours of the values. Without a style outputs have the values themselves, with two
+    /// exceptions. WebP is always painted. PNG holds only `u8` and `u16` values whose channels are
+    /// grey or red, green and blue, each optionally with opacity; any other values are painted in
+    /// the tree's default style.
     pub style: Option<Style>,
-    /// Bytes to hold at a time; what one row of the output needs must fit.
+    /// Memory budget in bytes; one row of the output must fit.
     pub memory: u64,
 }
 
-/// Bytes that exports hold at a time if nothing is said.
+/// Default memory budget of exports, in bytes.
 pub(super) const DEFAULT_MEMORY: u64 = 64 << 20;
 
 impl WindowRequest {
-    /// A window seen from above, written with 64 MiB of memory.
+    /// A window seen from above, with a memory budget of 64 MiB.
     pub fn new(bounds: Bounds, detail: Detail) -> WindowRequest {
         WindowRequest { bounds, across: 2, detail, nodata: None, style: None, memory: DEFAULT_MEMORY }
     }
 
-    /// The level of a tree that the output is made of.
+    /// Returns the level of the tree that the output is made of.
     ///
     /// # Errors
     /// If the window is empty or outside of the tree, or there is no such level or size.
@@ -64,7 +67,8 @@ impl WindowRequest {
         OutputGrid::of(tree, self).map(|grid| grid.level)
     }
 
-    /// The style that an output of this format is painted in, if it has not the values themselves.
+    /// Returns the style that an output of this format is painted in, or `None` if the output has
+    /// the values themselves.
     pub fn painted_style(&self, tree: &Dataset, format: Format) -> Option<Style> {
         let sample = tree.header().form.value.sample;
         let fits = matches!(sample, SampleType::U8 | SampleType::U16) && has_png_channels(tree);
@@ -83,22 +87,26 @@ impl WindowRequest {
 pub enum Detail {
     /// One pixel per cell of this level.
     Level(u8),
-    /// So many columns and rows. Where pixels are averaged, they are made of the coarsest level that has at least two cells along each
-    /// side of a pixel, or of a level about as fine of which each pixel has a whole number of cells; where they are not, of the
-    /// coarsest that is fine enough.
+    /// Columns and rows of the output. Averaged pixels are made of the coarsest level that has at
+    /// least two cells along each side of a pixel; a level of similar resolution is used if each
+    /// pixel covers an integer number of its cells. Other pixels are made of the coarsest level
+    /// with at least one cell per pixel.
     ///
-    /// Each cell at a pixel's edge counts by the part of it that is in the pixel, as if it were alike all over: an average
-    /// is off by at most half of what values differ by within such a cell, mostly by far less, and not at all where edges of pixels
-    /// are those of cells.
+    /// A cell at a pixel's edge is weighted by the share of its area inside the pixel, as if its
+    /// value were uniform. An average is off by at most half the range of values within such a
+    /// cell, usually by far less. It is exact where pixel edges coincide with cell edges.
     Size(u64, u64),
-    /// So many columns and rows, averaged exactly: down to the deepest cells wherever a pixel's edge cuts a node.
+    /// Columns and rows of the output, averaged exactly: down to the deepest cells wherever a
+    /// pixel's edge cuts a node.
     Exact(u64, u64),
 }
 
-/// Writes a window of a tree to a picture or array file. An octree gives a slice, at `bounds.min[across]`.
+/// Writes a window of a tree to an image or array file. Of an octree it writes the slice at
+/// `bounds.min[across]`.
 ///
-/// With [`Detail::Size`] and [`Detail::Exact`], trees of means and of occupancy are averaged over the area of each pixel, others
-/// give the value at its centre. In trees of occupancy, VOID cells are 0.
+/// With [`Detail::Size`] and [`Detail::Exact`], trees of means and of occupancy are averaged over
+/// the area of each pixel; other trees yield the value at its centre. In trees of occupancy, VOID
+/// cells are 0.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -116,8 +124,9 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// If the window is empty or outside of the tree, one row needs more memory than is allowed, the format cannot
-/// hold the values or, where every number is a value, VOID cells, the tree is damaged or was changed meanwhile, or on interruption.
+/// If the window is empty or outside of the tree, one row exceeds the memory budget, the format
+/// cannot hold the values, the format cannot hold VOID cells and every number is a value, the tree
+/// is corrupt or has changed meanwhile, or on cancellation.
 pub fn export_window(
     tree: &Dataset,
     request: &WindowRequest,
@@ -139,7 +148,7 @@ pub fn export_window(
     void.check((&path, spec.value.sample), format, progress)?;
     let rows = rows_at_a_time(tree, request, &grid)?;
     let mut writer = create(output, format, &spec)?;
-    // Pictures of upright slices begin with the highest row, which is the last along the axis.
+    // Images of upright slices begin with the highest row, which is the last along the axis.
     let is_upright = grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
     let (width, height) = (grid.width, grid.height);
     let sampler = Sampler { tree, grid, fill: void.fill.unwrap_or_default() };
@@ -153,7 +162,8 @@ pub fn export_window(
     write_sidecar((&path, &access), format, &spec.metadata, progress)
 }
 
-/// Writes a window as [`export_window`] does, in a style that was made ready for the tree before; [`WindowRequest::style`] does not matter.
+/// Writes a window as [`export_window`] does, in a style that was prepared for the tree.
+/// [`WindowRequest::style`] is ignored.
 ///
 /// # Errors
 /// Those of [`export_window`].
@@ -174,7 +184,7 @@ pub fn export_painted_window(
     write_sidecar((&path, &access), format, painted.metadata(), progress)
 }
 
-/// Whether a tree's channels are those of PNG: grey, or red, green and blue, each also with opacity.
+/// Whether a tree's channels match PNG: grey, or red, green and blue, each optionally with opacity.
 fn has_png_channels(tree: &Dataset) -> bool {
     let in_order = tree.metadata().rgb_channels() == [0, 1, 2];
     match tree.header().form.value.channels {
@@ -185,12 +195,13 @@ fn has_png_channels(tree: &Dataset) -> bool {
     }
 }
 
-/// A function that takes pixels, and whether each has a value.
+/// A function that receives pixels and their validity flags.
 pub type RowSink<'a> = dyn FnMut(&[u8], &[bool]) -> Result<()> + 'a;
 
-/// Hands out a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from the first on, with
-/// a flag per pixel that is `false` where it is VOID, whatever number it has. That is [`WindowRequest::nodata`], which here may also be a
-/// value, or [`void_number`], or 0 where no number is free. [`WindowRequest::style`] does not matter.
+/// Yields a window's pixels as [`export_window`] writes them to arrays, in bands of whole rows from
+/// the first row on. Each pixel has a flag that is `false` if the pixel is VOID. VOID pixels have
+/// the number [`WindowRequest::nodata`], which here may also be a value; the default is
+/// [`void_number`], or 0 where no number is free. [`WindowRequest::style`] is ignored.
 ///
 /// # Errors
 /// If [`export_window`] could not read the window either, or `each` fails.
@@ -210,7 +221,7 @@ pub fn window_rows(
     tree.check_unchanged()
 }
 
-/// Rows of the output that memory is for.
+/// Returns the number of output rows that fit the memory budget.
 fn rows_at_a_time(tree: &Dataset, request: &WindowRequest, grid: &OutputGrid) -> Result<u64> {
     let row_bytes = row_bytes(tree.header().form.value, grid);
     if row_bytes > request.memory {
@@ -231,11 +242,11 @@ fn has_opacity(tree: &Dataset) -> bool {
     tree.metadata().alpha.is_some_and(|alpha| alpha.checked_add(1) == Some(channels))
 }
 
-/// The picture of a grid.
+/// The specification of a grid's image.
 pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) -> ImageSpec {
     let (value, metadata) = (tree.header().form.value, tree.metadata());
     let first = [grid.origin[0], grid.origin[1], grid.source.min[2] as f64];
-    // Pixels in a frame of the deepest level's cells.
+    // The frame of the pixels, given the frame of the deepest level's cells.
     let pixels_in = |cells: &Frame| {
         let mut frame = cells.coarser(tree.depth() - grid.level).shifted(first);
         for row in &mut frame.matrix {
@@ -244,7 +255,7 @@ pub(super) fn image_spec(tree: &Dataset, grid: &OutputGrid, void: &VoidCells) ->
         }
         frame
     };
-    // Upright slices have no frame: those of pictures are maps of x and y.
+    // Upright slices have no frame: frames of images map x and y.
     let is_flat = grid.across == 2;
     let has_frame = is_flat && metadata.frame != Frame::identity();
     let points = metadata.control_points.as_ref().filter(|_| is_flat);

@@ -1,4 +1,4 @@
-//! Windows painted in a style.
+//! Export of windows painted in a style.
 
 use super::super::image::{Format, ImageSpec, create};
 use super::WindowRequest;
@@ -15,9 +15,9 @@ use spinney_style::{Ground, SampleBlock, StylePainter};
 /// A window to be painted.
 pub(super) struct Painted<'a> {
     tree: &'a Dataset,
-    /// The picture's pixels with those around it that the tree has.
+    /// The image's pixels and the margin around them, as far as the tree extends.
     grid: OutputGrid,
-    /// How many there are of these: left, above, right, below.
+    /// Width of this margin in pixels: left, above, right, below.
     around: [u64; 4],
     painter: &'a StylePainter,
     ground: Ground,
@@ -28,14 +28,14 @@ pub(super) struct Painted<'a> {
 /// Samples of a painted pixel.
 #[derive(Clone, Copy, PartialEq)]
 enum Samples {
-    /// So many of red, green, blue and opacity: of greys red alone, or red and opacity.
+    /// Number of channels: grey, grey and opacity, RGB, or RGBA.
     Channels(u8),
-    /// Numbers of the palette's colours.
+    /// Indices of palette colours.
     Indices,
 }
 
 impl<'a> Painted<'a> {
-    /// A picture with the pixels of a grid, whose specification is that of the values.
+    /// An image with the pixels of a grid. `spec` is the specification of the unpainted values.
     pub(super) fn new(
         tree: &'a Dataset,
         grid: &OutputGrid,
@@ -46,7 +46,7 @@ impl<'a> Painted<'a> {
         let (grid, around) = grid.extended(tree, painter.margin());
         let ground = Ground::new(&spec.metadata.frame, spec.width);
         let is_opaque = painter.is_opaque() && (!spec.void || painter.void()[3] == 255);
-        // The fewest bytes.
+        // Choose the encoding with the fewest bytes per pixel.
         let samples = match (painter.is_grey(), is_opaque, painter.palette()) {
             (true, true, _) => Samples::Channels(1),
             (_, _, Some(_)) if format == Format::Png => Samples::Indices,
@@ -59,7 +59,7 @@ impl<'a> Painted<'a> {
         spec.alpha = channels % 2 == 0;
         spec.void = false;
         let palette = painter.palette().filter(|_| samples == Samples::Indices);
-        // Colours have nothing of what values mean.
+        // Metadata that describe values do not apply to colours.
         let Metadata { frame, control_points, provenance, .. } = spec.metadata;
         spec.metadata = Metadata {
             frame,
@@ -72,12 +72,12 @@ impl<'a> Painted<'a> {
         Painted { tree, grid, around, painter, ground, samples, spec }
     }
 
-    /// Metadata of the picture.
+    /// Metadata of the image.
     pub(super) fn metadata(&self) -> &Metadata {
         &self.spec.metadata
     }
 
-    /// Writes the picture.
+    /// Writes the image.
     pub(super) fn export(
         &self,
         request: &WindowRequest,
@@ -88,7 +88,7 @@ impl<'a> Painted<'a> {
         let (width, height) = (self.spec.width, self.spec.height);
         let mut writer = create(output, format, &self.spec)?;
         let is_upright = self.grid.across != 2 && !matches!(format, Format::Npy | Format::Raw);
-        // (Colours take about twice the room of values.)
+        // Colours take about twice the memory of values.
         let rows = (rows_at_a_time(self.tree, request, &self.grid)? / 3).clamp(1, height);
         let sampler = Sampler { tree: self.tree, grid: OutputGrid { ..self.grid }, fill: Number::default() };
         let mut row = 0;
@@ -107,7 +107,7 @@ impl<'a> Painted<'a> {
         writer.finish()
     }
 
-    /// The samples of some rows of the picture.
+    /// The samples of some rows of the image.
     fn band(
         &self,
         sampler: &Sampler<'_>,
@@ -117,7 +117,7 @@ impl<'a> Painted<'a> {
     ) -> Result<Vec<u8>> {
         let margin = self.painter.margin();
         let [left, above, _, _] = self.around;
-        // Rows of the grid that matter, and rows that are missing before them.
+        // Rows of the grid that are needed, and the columns and rows missing before them.
         let start = (first + above).saturating_sub(margin);
         let end = (first + above + count + margin).min(self.grid.height);
         let missing = [margin - left, margin - (first + above - start)].map(|pixels| pixels as usize);
@@ -158,7 +158,7 @@ impl<'a> Painted<'a> {
     }
 }
 
-/// Some samples of each pixel.
+/// Selects some samples of each pixel.
 fn chosen<const N: usize>(pixels: &[[u8; 4]], choose: impl Fn([u8; 4]) -> [u8; N]) -> Vec<u8> {
     let mut samples = vec![0; N * pixels.len()];
     let (chunks, _) = samples.as_chunks_mut::<N>();
@@ -168,7 +168,8 @@ fn chosen<const N: usize>(pixels: &[[u8; 4]], choose: impl Fn([u8; 4]) -> [u8; N
     samples
 }
 
-/// Cells of so many items each amid others that are nothing: `missing` are the columns and rows before them.
+/// Surrounds cells of `items` items each by default values. `missing` is the number of columns and
+/// rows added before them.
 fn frame<T: Copy + Default>(
     cells: &[T],
     columns: usize,

@@ -1,4 +1,5 @@
-//! Rows of a window: cells as they are, means of what pixels cover, or the cells at their centres.
+//! Reads rows of a window: cells unchanged, means of the cells that a pixel covers, or the cells at
+//! pixel centres.
 
 use super::RowSink;
 use super::grid::{OutputGrid, PixelContent, is_averaged};
@@ -9,20 +10,21 @@ use spinney_base::{Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::PixelGrid;
 
-/// Bytes of cells that are averaged at a time, at least a line's: few enough to stay in a processor's cache between being read and added up.
+/// Bytes of cells that are averaged at a time, but at least one line of pixels. Cells then stay in
+/// the processor's cache between being read and being summed.
 const CACHED: usize = 1 << 18;
 
-/// Rows of a window, straight or resampled.
+/// Reader of the rows of a window, unchanged or resampled.
 pub(super) struct Sampler<'a> {
     pub(super) tree: &'a Dataset,
     pub(super) grid: OutputGrid,
-    /// The number that stands for VOID.
+    /// The number written for VOID.
     pub(super) fill: Number,
 }
 
 impl Sampler<'_> {
-    /// Hands out all pixels of the output, and whether each has a value, in bands of so many rows; from the last row
-    /// on if it is upright.
+    /// Yields all pixels of the output with their validity flags, in bands of `rows` rows. Upright
+    /// slices begin with the last row.
     pub(super) fn bands(
         &self,
         rows: u64,
@@ -47,7 +49,7 @@ impl Sampler<'_> {
         Ok(())
     }
 
-    /// Some rows of the output, and whether each of their pixels has a value.
+    /// Returns some rows of the output and the validity flag of each pixel.
     pub(super) fn band(
         &self,
         first: u64,
@@ -63,7 +65,7 @@ impl Sampler<'_> {
         Ok((bytes, valid))
     }
 
-    /// Gives missing samples the number of VOID, if that is not the one which they have in the tree.
+    /// Replaces missing samples by the number for VOID, unless the tree stores that number already.
     fn put_missing(&self, bytes: &mut [u8], valid: &[bool]) {
         let value = self.tree.header().form.value;
         let (Some(missing), void) = (value.all_missing(), self.void()) else { return };
@@ -79,15 +81,15 @@ impl Sampler<'_> {
         }
     }
 
-    /// The cells of some rows of the level, and whether each has a value.
+    /// Returns the cells in some rows of the level, and their validity flags.
     fn rows(&self, first: u64, end: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let (mut bytes, mut valid) = (Vec::new(), Vec::new());
         self.read(first, end, &mut bytes, Some(&mut valid))?;
         Ok((bytes, valid))
     }
 
-    /// Reads the cells of some rows of the level, and whether each has a value if that is asked for, to buffers whose former contents
-    /// go.
+    /// Reads the cells in some rows of the level, and their validity flags if a buffer for them is
+    /// given. Overwrites both buffers.
     fn read(&self, first: u64, end: u64, bytes: &mut Vec<u8>, valid: Option<&mut Vec<bool>>) -> Result<()> {
         let mut bounds = self.grid.source;
         let rows = self.grid.axes[1];
@@ -100,7 +102,7 @@ impl Sampler<'_> {
         });
         let is_occupancy = self.tree.header().rule == Rule::Occupancy;
         match valid {
-            // VOID is a number, too: an empty cell.
+            // VOID is a number here: an empty cell.
             Some(valid) if is_occupancy => {
                 valid.fill(true);
                 self.tree.window(self.grid.level, &bounds, self.fill, bytes, None)
@@ -109,13 +111,13 @@ impl Sampler<'_> {
         }
     }
 
-    /// Rows of the output that are rows of cells.
+    /// Output rows that are rows of cells.
     fn copy(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let first = self.grid.source.min[self.grid.axes[1]] + row;
         self.rows(first, first + count)
     }
 
-    /// Rows of the output whose pixels are means of the cells that they cover, weighted by area, or the cells
+    /// Output rows whose pixels are area-weighted means of the cells that they cover, or the cells
     /// at their centres.
     fn resample(&self, row: u64, count: u64) -> Result<(Vec<u8>, Vec<bool>)> {
         let OutputGrid { source, axes: [u, v], origin, step, width, .. } = self.grid;
@@ -166,24 +168,24 @@ impl Sampler<'_> {
         Ok((out, out_valid))
     }
 
-    /// Whether some cells that pixels cover may have no value.
+    /// Whether cells under the pixels may be VOID.
     fn may_be_void(&self) -> Result<bool> {
         let OutputGrid { source, level, .. } = &self.grid;
         if self.tree.header().rule == Rule::Occupancy {
             return Ok(false);
         }
-        // (Of the whole picture, which the file knows without a look at the cells.)
+        // Checked for the whole raster: the file stores that, so no cells are read.
         Ok(!self.tree.extent_at(*level).contains(source)
             || self.tree.may_have_void(self.tree.header().picture())?)
     }
 
-    /// The value that stands for VOID.
+    /// The value written for VOID.
     fn void(&self) -> Value {
         self.tree.header().form.value.nearest_numbers(|_| self.fill)
     }
 
-    /// The value that means are computed relative to: the least of the tree, of integers of 64 bits. (An empty cell is 0 in trees of
-    /// occupancy, whatever that is relative to.)
+    /// The value that means are computed relative to: for 64-bit integers the minimum of the tree,
+    /// otherwise 0. In trees of occupancy it is 0, since an empty cell is 0.
     fn base(&self) -> Result<Value> {
         let header = self.tree.header();
         let sample = header.form.value.sample;
@@ -217,7 +219,7 @@ impl Sampler<'_> {
         Ok((out, out_valid))
     }
 
-    /// Rows of the output whose pixels are exact means of the deepest cells.
+    /// Output rows whose pixels are exact means of the deepest cells.
     fn average(&self, row: u64, count: u64, progress: &dyn Progress) -> Result<(Vec<u8>, Vec<bool>)> {
         let OutputGrid { source, axes, origin, step, width, .. } = self.grid;
         let value_type = self.tree.header().form.value;
@@ -242,7 +244,7 @@ impl Sampler<'_> {
             valid.push(is_valid);
             let none = if is_valid { missing } else { fill };
             for (sum, area) in sums.iter().zip(areas).take(usize::from(channels)) {
-                // VOID is a number in trees of occupancy: an empty cell.
+                // In trees of occupancy VOID is a number: an empty cell.
                 let weight = if is_occupancy { step[0] * step[1] } else { *area };
                 let void = if is_occupancy { (weight - area).max(0.0) * fill } else { 0.0 };
                 numbers.push(if weight > 0.0 { (sum + void) / weight } else { none });
@@ -257,12 +259,14 @@ impl Sampler<'_> {
 
 /// Reverses the order of rows.
 pub(super) fn flip_rows<T>(cells: &mut [T], width: usize) {
-    // Reversing all cells reverses rows, too; reversing each row puts its own cells right again.
+    // Reversing all cells reverses the rows as well; reversing each row then restores its own
+    // order.
     cells.reverse();
     cells.chunks_mut(width).for_each(<[T]>::reverse);
 }
 
-/// Gives VOID pixels their value, where numbers to compute with are not exact.
+/// Writes the value for VOID to pixels without a value, for 64-bit integers: `f64` cannot hold all
+/// of them exactly.
 fn put_void(value: ValueType, void: Value, bytes: &mut [u8], valid: &[bool]) {
     if matches!(value.sample, SampleType::U64 | SampleType::I64) {
         let pixels = bytes.chunks_exact_mut(value.size()).zip(valid).filter(|(_, valid)| !**valid);
@@ -270,10 +274,11 @@ fn put_void(value: ValueType, void: Value, bytes: &mut [u8], valid: &[bool]) {
     }
 }
 
-/// Appends numbers, which are relative to a value, as samples of a type: whole ones rounded half up, and kept within what the type can hold.
+/// Appends numbers, which are relative to `base`, as samples of a type. Integers are rounded half
+/// up and clamped to the range of the type.
 fn push_numbers(sample: SampleType, base: Value, numbers: &[f64], bytes: &mut Vec<u8>) {
-    // (A number that is cut off is rounded down if it is no less than 0; unsigned types have nothing below. As a call, rounding down takes
-    // longer than all else.)
+    // A cast truncates, which rounds down for numbers of at least 0; unsigned types have no others.
+    // A call of `floor` would take longer than everything else here.
     fn rounded(number: f64) -> i64 {
         let half_up = number + 0.5;
         let whole = half_up as i64;

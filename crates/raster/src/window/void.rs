@@ -1,4 +1,5 @@
-//! The number that encodes VOID in an output: decided once, before the first byte, from the bounds of all values.
+//! The number that encodes VOID in an output. It is chosen from the bounds of all values before the
+//! first byte is written.
 
 use std::path::Path;
 
@@ -10,22 +11,23 @@ use spinney_base::{Error, Progress, Result};
 use spinney_engine::dataset::Dataset;
 use spinney_engine::query::Condition;
 
-/// VOID cells of an output, and how they are encoded.
+/// VOID cells of an output and their encoding.
 pub(crate) struct VoidCells {
-    /// Whether some cells may be VOID; `false` is sure.
+    /// Whether cells may be VOID; `false` is certain.
     pub(crate) may_be: bool,
-    /// The number; `None` if every number may be a value.
+    /// The number for VOID; `None` if every number may be a value.
     pub(crate) fill: Option<Number>,
-    /// The layer's own nodata number, if it is not used since it may be a value.
+    /// The layer's own nodata number, if it was rejected because it may be a value.
     pub(crate) replaced: Option<Number>,
 }
 
 impl VoidCells {
-    /// Those of some cells of layers of one sample type, with the number that the caller chose.
+    /// Decides the encoding for a box of cells in layers of one sample type. `asked` is the
+    /// caller's number.
     pub(crate) fn of(layers: &[Dataset], bounds: Bounds, asked: Option<Number>) -> Result<VoidCells> {
         let mut may_be = false;
         for layer in layers {
-            // (In trees of occupancy VOID is a number: an empty cell.)
+            // In trees of occupancy VOID is a number: an empty cell.
             may_be |= layer.header().rule != Rule::Occupancy && layer.may_have_void(bounds)?;
         }
         let fill = decide(layers, asked, false)?;
@@ -35,7 +37,7 @@ impl VoidCells {
         Ok(VoidCells { may_be, fill, replaced })
     }
 
-    /// Takes NaN for VOID cells of a file that has no place to name another number, where samples are floating.
+    /// Uses NaN for VOID in floating-point files that have no tag to name another number.
     pub(crate) fn without_tag(&mut self, tree: &Dataset) {
         let is_float = tree.header().form.value.sample.is_float();
         if is_float && self.fill.is_some() && !is_encoded_by_value(std::slice::from_ref(tree)) {
@@ -43,7 +45,7 @@ impl VoidCells {
         }
     }
 
-    /// Those of a painted image, where colours encode VOID.
+    /// The VOID cells of a painted image, where colours encode VOID.
     pub(crate) fn painted(tree: &Dataset, bounds: Bounds) -> Result<VoidCells> {
         let may_be = tree.header().rule != Rule::Occupancy && tree.may_have_void(bounds)?;
         Ok(VoidCells { may_be, fill: None, replaced: None })
@@ -54,7 +56,8 @@ impl VoidCells {
         self.may_be && self.fill.is_none()
     }
 
-    /// Checks that a format can encode VOID, and warns where that is not by the layer's own number.
+    /// Checks that a format can encode VOID, and warns if the layer's own nodata number is not
+    /// used.
     pub(crate) fn check(
         &self,
         (path, sample): (&Path, SampleType),
@@ -89,15 +92,20 @@ impl VoidCells {
     }
 }
 
-/// Whether VOID needs no number in addition to those of the values: where it means empty, or has opacity 0.
+/// Whether VOID needs no extra number: where it means empty, or has opacity 0.
 fn is_encoded_by_value(layers: &[Dataset]) -> bool {
     matches!(layers, [tree] if has_opacity(tree) || tree.header().rule == Rule::Occupancy)
 }
 
-/// The number for VOID cells in every output of a tree that encodes VOID by a number: 0 in trees of [`Rule::Occupancy`], where it means empty,
-/// and in those with opacity; else the tree's own nodata number if no value can be equal to it, NaN for floating samples, or
-/// the lowest or highest number of the type if that is below or above all values; `None` if none of these is free. It depends on the
-/// layer alone, and so is the same for every window and level.
+/// Returns the number for VOID cells in every output of a tree that encodes VOID by a number.
+///
+/// - 0 in trees of [`Rule::Occupancy`], where it means empty, and in trees with opacity;
+/// - otherwise the tree's own nodata number, if no value can be equal to it;
+/// - otherwise NaN for floating-point samples;
+/// - otherwise the minimum or maximum of the type, if it is below or above all values;
+/// - `None` if none of these is free.
+///
+/// The result depends on the layer only, and so is the same for every window and level.
 ///
 /// # Errors
 /// If the tree's statistics are corrupt.
@@ -105,11 +113,13 @@ pub fn void_number(tree: &Dataset) -> Result<Option<Number>> {
     decide(std::slice::from_ref(tree), None, false)
 }
 
-/// The number that encodes VOID in outputs of all of some layers of one sample type: that which the caller chose, or one that no
-/// value of a layer can be equal to. With `convolved`, values are cubic convolutions of the layers' own.
+/// Returns the number that encodes VOID in outputs of several layers of one sample type: the
+/// caller's number, or a number that no value of a layer can be equal to. With `convolved`, values
+/// are cubic convolutions of the layers' values.
 ///
 /// # Errors
-/// If the number that the caller chose is none of the type, or lies within the values; if statistics are corrupt.
+/// If the caller's number is not of the type, or lies within the range of the values; if statistics
+/// are corrupt.
 pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool) -> Result<Option<Number>> {
     let Some(first) = layers.first() else { return Ok(asked) };
     let sample = first.header().form.value.sample;
@@ -136,7 +146,7 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
         candidates.push(Number::NAN);
     }
     candidates.extend([f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into())));
-    // (NaN is never a value: bounds, which take a pass over some views, do not matter.)
+    // NaN is never a value. This saves the bounds, which take a pass over some views.
     if candidates[0].is_nan() {
         return Ok(Some(Number::NAN));
     }
@@ -147,7 +157,7 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
     let is_free = |number: Number| -> Result<bool> {
         for (layer, bounds) in layers.iter().zip(&bounds) {
             let is_free = number.is_nan()
-                // (A sample that is equal to it is missing by definition.)
+                // A sample equal to the number is missing by definition.
                 || is_missing(layer, number)
                 || bounds.iter().all(|bounds| is_outside(sample, number, *bounds))
                     && !(layer.header().rule == Rule::Occupancy && number == Number::default())
@@ -182,8 +192,9 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
     }
 }
 
-/// Whether a number within the bounds of a layer of classes is none of its classes: coarse levels and resampling make no others. Cost: a search, which
-/// reads what may have the number by its bounds.
+/// Whether a number within the bounds of a categorical layer is none of its classes. Coarse levels
+/// and resampling make no new classes. Costs a search, which reads all nodes whose bounds include
+/// the number.
 fn is_unused_class(layer: &Dataset, number: Number) -> Result<bool> {
     let header = layer.header();
     if header.kind != DataKind::Categorical || header.form.value.channels != 1 || header.rule == Rule::Mean {
@@ -197,7 +208,7 @@ fn is_unused_class(layer: &Dataset, number: Number) -> Result<bool> {
     Ok(!is_used)
 }
 
-/// Whether a number is one of those of a floating type, or becomes one by rounding.
+/// Whether a floating-point type holds a number, at least rounded.
 fn fits_float(sample: SampleType, number: Number) -> bool {
     !number.is_finite() || sample.nearest(number).is_finite()
 }
@@ -212,7 +223,7 @@ fn is_outside(sample: SampleType, number: Number, (min, max): (Number, Number)) 
     }
 }
 
-/// Whether samples that are a number are missing in a tree.
+/// Whether samples equal to a number are missing in a tree.
 fn is_missing(tree: &Dataset, number: Number) -> bool {
     let value = tree.header().form.value;
     matches!(value.mask, Mask::Missing(_))

@@ -1,41 +1,42 @@
-//! The grid of a stack: the finest cells, and how many of them a pixel of each picture is wide.
+//! The grid of a stack: its finest cells, and the width of each image's pixels in these.
 
 use super::Picture;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// Largest distance of a picture's corners from where the grid has them, in the finest cells.
+/// Maximum distance of an image's corners from the grid, in the finest cells.
 const TOLERANCE: f64 = 0.01;
-/// The finest cells that a pixel may be wide.
+/// Maximum width of a pixel in the finest cells.
 const MOST: f64 = (1 << 24) as f64;
-/// Cells that a pixel may become along a side.
+/// Maximum number of cells per side of a pixel.
 const MAX_REPEATED: u64 = 1000;
 
-/// Width of a picture's pixels.
+/// Pixel size and position of an image on the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
-    /// Levels that trees of such cells have less than those of the finest.
+    /// Levels that trees of such cells have less than trees of the finest cells.
     pub(super) levels: u8,
-    /// Such cells that a pixel is wide; 0 if the picture lies on another grid and is warped.
+    /// Width of a pixel in such cells; 0 if the image is on another grid and is warped.
     pub(super) repeat: u64,
     /// Such cells of the grid before the first pixel.
     pub(super) offset: [u64; 2],
 }
 
-/// The finest cells of all pictures.
+/// The finest cells of all images.
 pub(super) struct Grid {
     pub(super) frame: Frame,
-    /// Cells of all pictures together.
+    /// Union of the extents of all images.
     pub(super) extent: [u64; 2],
-    /// For each picture.
+    /// One per image.
     pub(super) places: Vec<Place>,
 }
 
 impl Grid {
-    /// The grid of pictures; nothing if there are none. Those that do not lie on it are refused, unless they may be warped.
+    /// Computes the grid of images, or `None` without images. Images on other grids are rejected
+    /// unless they may be warped.
     pub(super) fn of(pictures: &[Picture], warp: bool) -> Result<Option<Grid>> {
         let Some(first) = pictures.first() else { return Ok(None) };
-        // (Cells of other systems are as large as anything.)
+        // Cell sizes in different coordinate systems cannot be compared.
         let in_system = |picture: &&Picture| !warp || is_same_system(first, picture);
         let area = |picture: &&Picture| {
             let [a, b, _, d, e, _] = picture.info.frame.affine();
@@ -46,7 +47,7 @@ impl Grid {
         let may_warp = |picture: &Picture| {
             warp && [finest, picture].iter().all(|picture| picture.info.frame.crs.is_some())
         };
-        // (Rasters on the grid determine its first cell.)
+        // Only rasters on the grid determine its first cell.
         let (mut first, mut found) = ([i64::MAX; 2], Vec::new());
         for picture in pictures {
             let on_grid = match on_grid(finest, picture) {
@@ -62,7 +63,7 @@ impl Grid {
         let mut grid = Grid { frame: finest.info.frame.shifted(origin), extent: [0, 0], places: Vec::new() };
         for (picture, on_grid) in pictures.iter().zip(found) {
             let Some((factor, corner)) = on_grid else {
-                // As fine as its pixels, or finer.
+                // At least as fine as its pixels.
                 let wide = if is_same_system(finest, picture) { area(&picture) / area(&finest) } else { 1.0 };
                 let levels = wide.sqrt().log2().floor().clamp(0.0, 24.0);
                 grid.places.push(Place { levels: levels as u8, repeat: 0, offset: [0; 2] });
@@ -74,7 +75,7 @@ impl Grid {
                 let end = sides[axis].saturating_mul(factor).saturating_add(offset[axis]);
                 grid.extent[axis] = grid.extent[axis].max(end);
             }
-            // (The largest cells that pixels and what is before them are made of.)
+            // The largest cells that divide both pixels and offset.
             let levels = (factor | offset[0] | offset[1]).trailing_zeros();
             let repeat = factor >> levels;
             if repeat > MAX_REPEATED {
@@ -106,13 +107,13 @@ fn refused(picture: &Picture, found: String, finest: &Picture) -> Error {
     Error::invalid(format!("grid of {}", picture.path.display()), found, expected)
 }
 
-/// Cells of the finest raster that a pixel of another is wide, and the cell of its corner.
+/// Width of a raster's pixels in cells of the finest raster, and the cell of its corner.
 fn on_grid(finest: &Picture, picture: &Picture) -> Result<(u64, [i64; 2])> {
     let (a, b) = (&finest.info, &picture.info);
     let [here, there] = [finest, picture].map(|picture| picture.path.display().to_string());
     Crs::check_same((&here, a.frame.crs.as_ref()), (&there, b.frame.crs.as_ref()))?;
     if a.frame.is_identity() && b.frame.is_identity() {
-        // Where nothing tells, sizes do not either.
+        // Rasters without georeferencing must have the same size.
         if [a.width, a.height] == [b.width, b.height] {
             return Ok((1, [0; 2]));
         }

@@ -19,15 +19,15 @@ use spinney_engine::dataset;
 use spinney_engine::ops::{WarpGrid, WarpOptions};
 use spinney_engine::store::{BuildOptions, depth_for};
 
-/// A layer of a stack, whose file is opened when its turn comes: see [`StackLayer::slabs`].
+/// A layer of a stack. Its file is opened when the layer is written: see [`StackLayer::slabs`].
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct StackLayer {
-    /// Name, which no other layer has.
+    /// Unique name.
     pub name: String,
     /// Description of the band in the file, if it has one.
     pub description: String,
-    /// Role by GDAL's names ("Red", "NIR") of a layer of one channel, if the file tells it.
+    /// Colour role of a one-channel layer by GDAL's names ("Red", "NIR"), if the file has it.
     pub colour_role: String,
     /// Type of the values.
     pub value: ValueType,
@@ -37,47 +37,47 @@ pub struct StackLayer {
     pub rule: Rule,
     /// The number that means VOID.
     pub nodata: Option<Number>,
-    /// What else is told of the layer; the frame is that of its own cells.
+    /// Other metadata of the layer; the frame is that of its own cells.
     pub metadata: Metadata,
-    /// Levels that its tree has less than one of the finest cells: its own are 2 to the power of that as wide.
+    /// Levels that its tree has less than one of the finest cells: its cells are 2 to this power as
+    /// wide as those.
     pub coarser: u8,
-    /// Cells that each pixel of the file became along a side: the file's pixels are as many times as wide; 0 if the file lay on
-    /// another grid and is warped.
+    /// Cells per side of a pixel of the file; 0 if the file is on another grid and is warped.
     pub repeat: u64,
     /// Cells along each axis.
     pub extent: [u64; 3],
-    /// Cells of the stack's grid to the left of the file's first pixel and above it, which are VOID.
+    /// VOID cells of the stack's grid to the left of the file's first pixel and above it.
     pub offset: [u64; 2],
     pub(super) path: PathBuf,
     pub(super) options: RasterOptions,
     pub(super) page: Option<usize>,
     parts: Parts,
-    /// Whether the file, or the page, makes others, too.
+    /// Whether the file, or the page, makes several layers.
     pub(super) is_one_of_several: bool,
     transparent: Transparent,
-    /// The whole picture: columns, rows and channels.
+    /// Size of the image: columns, rows and channels.
     picture: [u64; 3],
     warping: Option<Warping>,
 }
 
-/// The way of a picture to the grid of a stack.
+/// Warping of an image to the grid of a stack.
 #[derive(Clone, Debug)]
 struct Warping {
-    /// The picture's own place.
+    /// The image's own frame.
     frame: Frame,
     grid: WarpGrid,
     options: WarpOptions,
 }
 
-/// Channels of a picture that are one layer.
+/// Channels of an image that form one layer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Parts {
     pub(super) channels: Vec<usize>,
-    /// Another channel, where which is 0 the layer is VOID.
+    /// An extra channel whose zeros make the layer VOID.
     opacity: Option<usize>,
 }
 
-/// The layers of a picture: each band that is asked for, or all; a picture in colour is one.
+/// Divides an image into layers: one per requested band, or per band. A colour image is one layer.
 pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> Result<Vec<Parts>> {
     if let Some(bands) = bands {
         let alone = |band| Ok(Parts { channels: vec![info.channel_of(path, band)?], opacity: None });
@@ -92,14 +92,14 @@ pub(super) fn divide(path: &Path, info: &RasterInfo, bands: Option<&[Band]>) -> 
     Ok((0..info.channels).map(alone).collect())
 }
 
-/// Whether the channels of a picture are red, green and blue, or grey, and perhaps opacity.
+/// Whether the channels of an image are red, green and blue, or grey, with optional opacity.
 fn is_colour(info: &RasterInfo) -> bool {
     let colours = match (info.channels, info.alpha) {
         (3, None) | (4, Some(3)) => 3,
         (2, Some(1)) => return ValueType::new(info.sample, 2).is_supported(),
         _ => return false,
     };
-    // (OpenEXR has letters.)
+    // OpenEXR names channels by letters.
     let are = |names: &[String], colours: [&str; 3]| names.iter().eq(colours);
     let names = info.band_names.get(..colours).unwrap_or_default();
     let roles = info.colour_roles.get(..colours).unwrap_or_default();
@@ -108,7 +108,7 @@ fn is_colour(info: &RasterInfo) -> bool {
 }
 
 impl StackLayer {
-    /// Plans the layer of some channels of a picture.
+    /// Plans the layer of some channels of an image.
     pub(super) fn plan(
         picture: &Picture,
         parts: &Parts,
@@ -118,10 +118,10 @@ impl StackLayer {
         import: &ImportOptions,
     ) -> Result<StackLayer> {
         let mut info = picture.info.of_channels(&parts.channels);
-        // (Channels may have numbers of their own.)
+        // Channels may have nodata numbers of their own.
         tell(&mut info, import, &mut None);
         if info.channels == 1 {
-            // Opacity as a layer of its own is a number like any other.
+            // Opacity as a layer of its own is an ordinary number.
             info.alpha = None;
         }
         let value = bands::value_type(&picture.path, &info)?;
@@ -169,20 +169,20 @@ impl StackLayer {
         })
     }
 
-    /// The file.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the file lies on another grid, to which it is warped whole.
+    /// Whether the file is on another grid, so that it is warped as a whole.
     pub fn is_warped(&self) -> bool {
         self.warping.is_some()
     }
 
-    /// Plans to warp the layer to the grid of a stack.
+    /// Plans the warping of the layer to the grid of a stack.
     ///
     /// # Errors
-    /// If that cannot be.
+    /// If that is impossible.
     pub(super) fn warp_to(&mut self, finest: &Frame, extent: [u64; 3], how: &StackOptions) -> Result<()> {
         let Some(warping) = &mut self.warping else { return Ok(()) };
         let [width, height, _] = extent.map(|side| side.div_ceil(1 << self.coarser));
@@ -197,7 +197,7 @@ impl StackLayer {
         self.parts.channels[0]
     }
 
-    /// All its channels in the file, from 0; opacity that makes cells VOID is the last.
+    /// All of its channels in the file, from 0, followed by the opacity that makes cells VOID.
     pub(super) fn channels(&self) -> Vec<usize> {
         [self.parts.channels.as_slice(), self.parts.opacity.as_slice()].concat()
     }
@@ -207,16 +207,18 @@ impl StackLayer {
         self.repeat == 1 && self.offset == [0; 2]
     }
 
-    /// Opens the file, and gives all cells with `memory` bytes for reading. One that comes from the top down, and is too wide for that or is repeated, goes
-    /// to a temporary file in the folder first.
+    /// Opens the file and yields all cells, with `memory` bytes for reading. A file that can only
+    /// be read from the top down is first copied to a temporary file in the directory, if its rows
+    /// exceed the memory or its pixels are repeated.
     ///
     /// # Errors
-    /// If the file cannot be read or has changed, or the temporary file not be written; on interruption.
+    /// If the file cannot be read or has changed, or the temporary file cannot be written; on
+    /// cancellation.
     pub fn slabs(&self, folder: &Path, memory: u64, progress: &dyn Progress) -> Result<RasterSlabs> {
         self.slabs_for(Asked::All, (folder, memory), progress)
     }
 
-    /// Gives the cells that are asked for: see [`StackLayer::slabs`].
+    /// Yields the requested cells: see [`StackLayer::slabs`].
     pub(super) fn slabs_for(
         &self,
         asked: Asked,
@@ -237,7 +239,7 @@ impl StackLayer {
         Ok(raster)
     }
 
-    /// Yields the cells that the file needs, from a raster of the layer's channels.
+    /// Yields the requested cells from a raster of the layer's channels.
     pub(super) fn slabs_of(
         &self,
         raster: Box<dyn Raster>,
@@ -274,7 +276,7 @@ impl StackLayer {
         slabs_for(asked, raster, self.value.size(), (folder, room), progress)
     }
 
-    /// The raster on the stack's grid, by way of trees in a temporary folder.
+    /// Warps the raster to the stack's grid, by means of trees in a temporary directory.
     fn warped(
         &self,
         raster: Box<dyn Raster>,
@@ -296,7 +298,7 @@ impl StackLayer {
         let path = temporary.path().join("warped.goblin");
         let cells = self.extent.iter().product();
         let target = TargetGrid::Cells(Box::new(grid.clone()));
-        // (The cells are counted when they are written to the layer.)
+        // Progress counts the cells when the layer is written.
         let access = &self.options.access;
         let output = access.create(&path)?;
         import.build_warped(&target, options, output, &SubProgress::new(progress, 0, cells))?;

@@ -1,4 +1,5 @@
-//! Stacks: bands, files and pages as the layers of one file, which share a place in the world and not much else.
+//! Stacks: bands, files and pages as the layers of one file. They share a frame, but may differ in
+//! type and metadata.
 
 mod grid;
 mod layer;
@@ -23,82 +24,88 @@ use spinney_crs::{Crs, Frame};
 use spinney_engine::ops::Resampling;
 use spinney_engine::store::Packing;
 
-/// Options for a stack.
+/// Options of a stack.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct StackOptions {
-    /// Options that are those of an import; the bands are those of each file.
+    /// Import options; bands are those of each file.
     pub import: ImportOptions,
-    /// Names of the layers; the files decide if there are none.
+    /// Names of the layers; by default they are derived from the files.
     pub names: Option<Vec<String>>,
-    /// Times of what the layers show, as ISO 8601 writes them: of each layer, or of each file.
+    /// Acquisition times in ISO 8601, one per layer or one per file.
     pub times: Option<Vec<String>>,
     /// Whether each page of a TIFF file makes layers.
     pub every_page: bool,
-    /// The way to the grid for files that lie on another one, which are refused otherwise.
+    /// Resampling of files on other grids, which are rejected by default.
     pub resampling: Option<Resampling>,
-    /// Takes datums for WGS 84 whose shift to it is unknown or needs a grid: may be off by some hundred metres.
+    /// Whether datums with an unknown shift, or one that needs a grid, are treated as WGS 84:
+    /// positions may be off by some hundred metres.
     pub allow_ballpark: bool,
 }
 
 impl StackOptions {
-    /// All that the files say.
+    /// Options with everything taken from the files.
     pub fn new() -> StackOptions {
         StackOptions::default()
     }
 }
 
-/// A stack that is planned: layers whose files were looked at, and are opened again when their turn comes.
+/// A planned stack: layers whose files were inspected, and are opened again when the layer is
+/// written.
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Stack {
-    /// Place of the finest cells.
+    /// Frame of the finest cells.
     pub frame: Frame,
-    /// Finest cells along each axis, of all layers together.
+    /// Finest cells along each axis: the union of all layers.
     pub extent: [u64; 3],
-    /// Levels of the tree of a layer that has the finest cells.
+    /// Depth of the tree of a layer with the finest cells.
     pub depth: u8,
     /// The layers, in order.
     pub layers: Vec<StackLayer>,
-    /// Whether equal subtrees are stored once, in Autumnal files.
+    /// Whether Autumnal files store equal subtrees once.
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with.
+    /// Time of the first commit of an Autumnal file.
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// Compression of the file, and the loss that it may cause.
     pub packing: Packing,
-    /// Bytes of memory for everything.
+    /// Memory budget in bytes.
     pub memory: u64,
-    /// Files of which something is not read, and what that is.
+    /// Files with content that is not read, and a description of that.
     pub remarks: Vec<(PathBuf, String)>,
     description: Vec<(&'static str, String)>,
 }
 
 impl Stack {
-    /// Description of the plan: pairs of a heading and its text.
+    /// Description of the plan: pairs of heading and text.
     pub fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 }
 
-/// A picture among the inputs: a file, or a page of one.
+/// An input image: a file, or a page of one.
 struct Picture {
     path: PathBuf,
     options: RasterOptions,
-    /// Number of the page, if each makes layers.
+    /// Number of the page, if each page makes layers.
     page: Option<usize>,
     info: RasterInfo,
 }
 
-/// Plans a stack of files: a layer of each band, of pictures in colour one of all bands. Headers are read, and no file stays open.
+/// Plans a stack of files: one layer per band, or a single layer for a colour image. Only headers
+/// are read, and no file stays open.
 ///
-/// The stack has the union of their boxes; what a file does not have of it is VOID. All begin at corners of the finest cells, with pixels that are as large
-/// as these, or an integer number of times. Layers whose pixels, and what is before them, are made of cells 2^k times as
-/// large as the finest have trees of k levels fewer; of others each pixel becomes several cells, of the largest such size that is a whole
-/// part of it. Those on other grids are warped to cells about as large as their pixels, if a way of resampling is said.
+/// The stack covers the union of the files' boxes; cells outside of a file's box are VOID. All
+/// files must begin at corners of the finest cells. Their pixel width must be an integer number of
+/// finest cells. If pixels and offset of a layer consist of cells 2^k times as large as the finest,
+/// its tree has k levels fewer. Otherwise each pixel becomes several cells, of the largest such
+/// size that divides it. Files on other grids are warped to cells about as large as their pixels,
+/// if a resampling method is given.
 ///
 /// # Errors
-/// If a file cannot be read, the files do not lie on such grids, or the options do not fit them; if two layers have one name.
+/// If a file cannot be read, the files are not on such grids, or the options do not fit them; if
+/// two layers have the same name.
 pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let import = &options.import;
     let memory = import.memory.unwrap_or(DEFAULT_MEMORY);
@@ -127,7 +134,7 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     let size = format!("{width} x {height} of the finest cells");
     let depth = depth_of(Dimension::Quad, extent, &size, import.depth)?;
     let mut layers = Vec::new();
-    // (Bands may be many: each layer gets its own.)
+    // There may be many bands: each layer gets its own.
     let of_layers = ImportOptions { bands: None, ..import.clone() };
     for (picture, place) in pictures.iter().zip(&grid.places) {
         let divided = divide(&picture.path, &picture.info, import.bands.as_deref())?;
@@ -135,7 +142,7 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
         for parts in &divided {
             let mut layer = StackLayer::plan(picture, parts, several, *place, &frame, &of_layers)?;
             if place.repeat == 0 {
-                // (In cells of the files' own map, whatever is said of it.)
+                // In the file's own cells, whatever coordinate system the options declare.
                 layer.warp_to(&grid.frame, extent, options)?;
             }
             layers.push(layer);
@@ -150,8 +157,8 @@ pub fn plan_stack(inputs: &[PathBuf], options: &StackOptions) -> Result<Stack> {
     Ok(Stack { frame, extent, depth, layers, share, time, packing, memory, remarks, description })
 }
 
-/// Whether the bands of a single file become layers without the option: trees have no value of so many such samples, such as 13 of `u16`,
-/// and no band is chosen.
+/// Whether the bands of a single file become layers without the option. That is the case if trees
+/// have no value type of so many such samples, such as 13 of `u16`, and no band is selected.
 ///
 /// # Errors
 /// If the file cannot be read.

@@ -7,7 +7,8 @@ use super::StackLayer;
 use spinney_base::io::without_query;
 use spinney_base::{Error, Result};
 
-/// Gives layers names: those that are said, else that of the file if it makes one layer, and those of its bands otherwise.
+/// Assigns names to layers: the given ones; otherwise the name of the file if it makes one layer,
+/// or those of its bands.
 pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Result<()> {
     if let Some(names) = names {
         if names.len() != layers.len() {
@@ -38,7 +39,7 @@ pub(super) fn give(layers: &mut [StackLayer], names: Option<&[String]>) -> Resul
     Ok(())
 }
 
-/// The name of a layer by what its file tells.
+/// Derives the name of a layer from its file.
 fn of_file(layer: &StackLayer) -> String {
     let stem = without_query(&layer.path).file_stem().unwrap_or_default().to_string_lossy();
     let picture = match layer.page {

@@ -1,4 +1,4 @@
-//! Rasters that are made of another one for a layer.
+//! Adapters that derive the raster of a layer from another raster.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use spinney_base::space::{Bounds, Region};
 use spinney_base::value::Number;
 use spinney_engine::dataset::Dataset;
 
-/// A raster without its last channel, where which is 0 it is VOID.
+/// A raster without its last channel, whose zeros make it VOID.
 pub(super) struct Masked {
     raster: Box<dyn Raster>,
     opacity: Validity,
@@ -53,14 +53,14 @@ impl Raster for Masked {
     }
 }
 
-/// The cells of a tree in a temporary folder.
+/// The cells of a tree in a temporary directory.
 pub(super) struct OfTree {
     tree: Dataset,
     info: RasterInfo,
-    /// The file that the tree was made of.
+    /// The file that the tree was made from.
     path: PathBuf,
     fill: Number,
-    // (Dropped last, when nothing in it is open.)
+    // Dropped last, when no file in it is open.
     _folder: TempDir,
 }
 
@@ -93,7 +93,7 @@ impl Raster for OfTree {
     }
 }
 
-/// A raster of which each pixel becomes several.
+/// A raster with repeated pixels.
 pub(super) struct Repeated {
     raster: Box<dyn Raster>,
     times: u64,
@@ -102,7 +102,7 @@ pub(super) struct Repeated {
 }
 
 impl Repeated {
-    /// The pixels of a raster that is read anywhere, so many times along each axis.
+    /// Repeats the pixels of a randomly accessible raster `times` times along each axis.
     pub(super) fn new(raster: Box<dyn Raster>, times: u64) -> Repeated {
         let mut info = raster.info().clone();
         (info.width, info.height) = (info.width * times, info.height * times);
@@ -145,7 +145,7 @@ impl Raster for Repeated {
     }
 }
 
-/// A raster with VOID to the left of it and above.
+/// A raster with VOID to its left and above it.
 pub(super) struct Padded {
     raster: Box<dyn Raster>,
     offset: [u64; 2],
@@ -154,7 +154,7 @@ pub(super) struct Padded {
 }
 
 impl Padded {
-    /// A raster from a column and row on.
+    /// A raster that begins at a column and row.
     pub(super) fn new(raster: Box<dyn Raster>, offset: [u64; 2]) -> Padded {
         let mut info = raster.info().clone();
         (info.width, info.height) = (info.width + offset[0], info.height + offset[1]);

@@ -1,4 +1,4 @@
-//! A file of several layers, which is opened, and read, once for all of them.
+//! A file of several layers, opened and read once for all of them.
 
 use std::path::Path;
 
@@ -10,17 +10,19 @@ use spinney_base::{Progress, Result};
 
 /// A raster whose channels make several layers.
 pub(super) enum SharedRaster {
-    /// Each layer's channels are read from the file without the others.
+    /// Each layer's channels can be read from the file without the others.
     Separate(Box<dyn Raster>),
-    /// The file's samples of all channels are together, so that they were read once, into a temporary file.
+    /// Channels are interleaved in the file, so all were read once, into a temporary file.
     Spilled(Box<SpilledChannels>),
 }
 
 impl SharedRaster {
-    /// Opens the raster of some layers, which are all of one. If its channels are together, what the first layer needs is read; temporary files are made in a directory.
+    /// Opens the raster of several layers from one image. If its channels are interleaved, the
+    /// samples that the first layer needs are read. Temporary files are created in a directory.
     ///
     /// # Errors
-    /// If the file cannot be read or has changed, or the temporary file not be written; on cancellation.
+    /// If the file cannot be read or has changed, or the temporary file cannot be written; on
+    /// cancellation.
     pub(super) fn open(
         layers: &[StackLayer],
         asked: Asked,
@@ -40,7 +42,7 @@ impl SharedRaster {
         Ok(SharedRaster::Spilled(Box::new(spilled)))
     }
 
-    /// The raster of one of the layers, by its number among these.
+    /// The raster of one of the layers, by its index among these.
     pub(super) fn of_layer(&self, number: usize, layer: &StackLayer) -> Option<Box<dyn Raster>> {
         match self {
             SharedRaster::Separate(raster) => raster.separate_channels(&layer.channels()),
@@ -49,7 +51,7 @@ impl SharedRaster {
     }
 }
 
-/// How many layers, from the first on, are of one raster.
+/// Number of layers, from the first on, that share one image.
 pub(super) fn alike(layers: &[StackLayer]) -> usize {
     let source = |layer: &StackLayer| {
         let RasterOptions { page, directory, .. } = layer.options;
@@ -71,7 +73,7 @@ mod tests {
     use spinney_base::value::Number;
     use spinney_engine::dataset;
 
-    /// A TIFF file of so many bands of 5 x 3 bytes, in planes of their own or not.
+    /// A TIFF file of `bands` bands of 5 x 3 bytes, in separate planes or interleaved.
     fn write(path: &Path, bands: u32, are_planes: bool) {
         let sample = |band: u32, pixel: u32| (band * 7 + pixel) as u8;
         let samples: Vec<u8> = match are_planes {
@@ -122,7 +124,8 @@ mod tests {
         }
     }
 
-    /// The file is gone when the second layer's turn comes: what all layers need of it was read, or is open.
+    /// The file is gone when the second layer is written: everything that the layers need was read,
+    /// or is open.
     #[test]
     fn a_file_of_many_bands_is_opened_once() {
         let folder = tempfile::tempdir().unwrap();

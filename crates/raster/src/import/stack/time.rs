@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::StackLayer;
 use spinney_base::{Error, Result};
 
-/// Tells layers their times: one of each, or those of the files that they are from.
+/// Assigns times to layers: one per layer, or those of the files that they come from.
 pub(super) fn give(layers: &mut [StackLayer], files: &[PathBuf], times: &[String]) -> Result<()> {
     if let Some(time) = times.iter().find(|time| !is_time(time)) {
         let expected = "dates and times that exist, as ISO 8601 writes them: 2024, 2024-05, 2024-05-31 or 2024-05-31T10:30:00Z";
@@ -26,7 +26,8 @@ pub(super) fn give(layers: &mut [StackLayer], files: &[PathBuf], times: &[String
     Ok(())
 }
 
-/// Whether a text is a time as ISO 8601 writes it: a year, month or day, or a day with a time, which may have a fraction and a zone.
+/// Whether a string is an ISO 8601 time: a year, month or day, or a day with a time, which may have
+/// a fraction and a zone.
 fn is_time(text: &str) -> bool {
     let Some((day, time)) = text.split_once('T') else {
         let parts: Vec<&str> = text.split('-').collect();
@@ -51,13 +52,13 @@ fn is_time(text: &str) -> bool {
         }
 }
 
-/// A number of so many digits.
+/// Parses a number of exactly `digits` digits.
 fn number(text: &str, digits: usize) -> Option<u32> {
     let is_number = text.len() == digits && text.bytes().all(|digit| digit.is_ascii_digit());
     is_number.then(|| text.parse().ok()).flatten()
 }
 
-/// Whether a year, or a year and a month, or both and a day, are a date of the Gregorian calendar.
+/// Whether a year, a year and a month, or all three, are a date of the Gregorian calendar.
 fn is_date(parts: &[&str]) -> bool {
     let (Some(year), months) = (number(parts[0], 4), parts.get(1).map(|month| number(month, 2))) else {
         return false;
@@ -74,7 +75,7 @@ fn is_date(parts: &[&str]) -> bool {
     parts.len() <= 3 && day.is_none_or(|day| day.is_some_and(|day| (1..=days).contains(&day)))
 }
 
-/// Whether hours, minutes and perhaps seconds are a time of day; 60 seconds are a leap second.
+/// Whether hours, minutes and optional seconds are a time of day; 60 seconds are a leap second.
 fn is_time_of_day(parts: &[&str]) -> bool {
     let limits = [23, 59, 60];
     parts.iter().zip(limits).all(|(part, limit)| number(part, 2).is_some_and(|number| number <= limit))

@@ -1,4 +1,4 @@
-//! Writing of stacks.
+//! Writer of stacks.
 
 use std::path::Path;
 
@@ -11,11 +11,12 @@ use spinney_base::{Progress, Result, SubProgress, TreeType};
 use spinney_container::Metadata;
 use spinney_engine::store::{BuildOptions, TreeWriter};
 
-/// Writes a stack to a file, layer after layer, on the threads of the current rayon pool; progress counts cells of all layers. Each layer's file is open
-/// while it is its turn.
+/// Writes a stack to a file, layer by layer, on the threads of the current rayon pool; progress
+/// counts cells of all layers. The file of a layer is open only while the layer is written.
 ///
 /// # Errors
-/// If a file cannot be read or has changed, or the output not be written, or on interruption; nothing is left behind then.
+/// If a file cannot be read or has changed, the output cannot be written, or on cancellation.
+/// Nothing is left then.
 pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Result<()> {
     let beside = folder(output.path()).to_path_buf();
     let mut file = TreeWriter::create(output, (Dimension::Quad, stack.depth), stack.layers.len() as u32)?;
@@ -23,7 +24,8 @@ pub fn write_stack(stack: &Stack, output: Output, progress: &dyn Progress) -> Re
     file.finish()
 }
 
-/// Writes the layers of a stack to a file that has none yet, or what is asked for of them; temporary files are made in a folder.
+/// Writes the layers of a stack, or the requested range of them, to a file without layers.
+/// Temporary files are created in the directory `beside`.
 ///
 /// # Errors
 /// Those of [`write_stack`].
@@ -37,11 +39,11 @@ pub fn write_layers(
     let cells =
         |layer: &StackLayer| layer.extent.iter().fold(1u64, |cells, side| cells.saturating_mul(*side));
     let total = stack.layers.iter().fold(0, |total: u64, layer| total.saturating_add(cells(layer)));
-    // The raster of this layer and others, and how many of these came before and are to come.
+    // The raster shared by this layer and others, with the numbers of these before and after it.
     let mut shared: Option<(SharedRaster, usize, usize)> = None;
     for (number, layer) in stack.layers.iter().enumerate() {
         let progress = &SubProgress::new(progress, cells(layer), total);
-        // (An only layer needs no name.)
+        // A single layer needs no name.
         let name = if stack.layers.len() > 1 { layer.name.clone() } else { String::new() };
         let metadata = Metadata {
             name,

@@ -1,13 +1,13 @@
-//! Decoded chunks that will likely be asked for again.
+//! Cache of decoded chunks that are likely to be needed again.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
-/// Identity of a decoded chunk: the offset and number of its bytes (`None` is all the rest of the file), and its rows.
-/// Chunks of which all of that is the same are the same, wherever they are in the image.
+/// Identity of a decoded chunk: offset and length of its bytes (`None` is the rest of the file),
+/// and its rows. Chunks with equal keys have equal content, wherever they are in the image.
 pub(super) type ChunkKey = (u64, Option<u64>, u64);
 
-/// Chunks by what they are made of; those not used for longest go when there are too many bytes.
+/// Chunks by their keys. The least recently used are evicted if they exceed the limit in bytes.
 pub(super) struct ChunkCache {
     limit: u64,
     held: u64,
@@ -22,7 +22,7 @@ impl ChunkCache {
         ChunkCache { limit, held: 0, clock: 0, chunks: HashMap::new(), by_age: BTreeMap::new() }
     }
 
-    /// Whether a chunk is there.
+    /// Whether a chunk is in the cache.
     pub(super) fn has(&self, chunk: ChunkKey) -> bool {
         self.chunks.contains_key(&chunk)
     }
@@ -36,7 +36,7 @@ impl ChunkCache {
         Some(Arc::clone(bytes))
     }
 
-    /// Adds a chunk. Gives back the memory of one that had to go, if any, for the next chunk to use.
+    /// Adds a chunk. Returns the memory of an evicted chunk, if any, for reuse.
     pub(super) fn put(&mut self, chunk: ChunkKey, bytes: Arc<Vec<u8>>) -> Vec<u8> {
         let mut gone = None;
         self.clock += 1;
@@ -71,7 +71,7 @@ mod tests {
         assert!(cache.get(key(1)).is_some());
         assert_eq!(cache.put(key(3), chunk(3)), [2; 10]);
         assert!(cache.get(key(1)).is_some() && cache.get(key(2)).is_none() && cache.get(key(3)).is_some());
-        // One that is larger than all room stays alone.
+        // A chunk that exceeds the limit is kept alone.
         cache.put(key(4), Arc::new(vec![4; 30]));
         assert!(cache.get(key(4)).is_some() && cache.get(key(3)).is_none());
         assert_eq!((cache.held, cache.by_age.len()), (30, 1));

@@ -1,9 +1,9 @@
 //! Decompression of single chunks.
 //!
-//! Deflated, zstd and LZW chunks, the usual ones, are decoded right into their buffer with states that are
-//! kept from chunk to chunk. The other codecs are those of the `tiff` crate: it is shown a file in memory
-//! that has the chunk as its only strip and bytes as its samples, so that it decompresses and does nothing
-//! else.
+//! Chunks compressed with deflate, zstd or LZW, the usual ones, are decoded directly into their
+//! buffer, with decoder states that are reused for all chunks. The other codecs are those of the
+//! `tiff` crate. It gets an in-memory file whose only strip is the chunk, with bytes as samples, so
+//! that it decompresses and does nothing else.
 
 use std::io::Cursor;
 
@@ -22,25 +22,25 @@ pub(super) enum Compression {
     PackBits,
     Fax4,
     WebP,
-    /// With tables that all chunks share, perhaps.
+    /// With tables that are shared by all chunks; may be empty.
     Jpeg(Vec<u8>),
 }
 
-/// The shape of a decoded chunk.
+/// Shape of a decoded chunk.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ChunkShape {
-    /// Pixels of a row.
+    /// Pixels per row.
     pub(super) width: usize,
     pub(super) rows: usize,
-    /// Rows that there may be in the compressed data: the last strip may be as high as the others.
+    /// Maximum number of rows in the compressed data: the last strip may be as high as the others.
     pub(super) max_rows: usize,
-    /// Samples of a pixel in this chunk.
+    /// Samples per pixel in this chunk.
     pub(super) samples: usize,
-    /// Bytes of a row.
+    /// Bytes per row.
     pub(super) row_bytes: usize,
 }
 
-/// States that are costly to make, for one thread at a time.
+/// Decoder states that are expensive to create; used by one thread at a time.
 #[derive(Default)]
 pub(super) struct States {
     inflate: Option<flate2::Decompress>,
@@ -49,7 +49,7 @@ pub(super) struct States {
 }
 
 impl Compression {
-    /// The codec of the tag Compression; the error names one that cannot be read.
+    /// The codec for the tag Compression. The error names an unsupported codec.
     pub(super) fn new(compression: u64, jpeg_tables: Option<Vec<u8>>) -> Result<Compression, String> {
         Ok(match compression {
             scheme::NONE => Compression::None,
@@ -79,7 +79,7 @@ impl Compression {
         })
     }
 
-    /// The name in words.
+    /// Name of the codec.
     pub(super) fn name(&self) -> &'static str {
         match self {
             Compression::None => "uncompressed",
@@ -93,17 +93,17 @@ impl Compression {
         }
     }
 
-    /// Whether the predictor tag has a meaning; other codecs have none, whatever the tag says.
+    /// Whether the predictor tag applies; other codecs ignore it.
     pub(super) fn has_predictor(&self) -> bool {
         matches!(self, Compression::Deflate | Compression::Zstd | Compression::Lzw)
     }
 
-    /// Whether the codec makes whole bytes of its own from the bits, so that FillOrder has no meaning.
+    /// Whether the codec has a bit order of its own, so that FillOrder does not apply.
     pub(super) fn ignores_fill_order(&self) -> bool {
         matches!(self, Compression::Jpeg(_) | Compression::WebP)
     }
 
-    /// Decodes a chunk, of which `out` is filled. The words say what is wrong with it.
+    /// Decodes a chunk to fill `out`. The error describes what is wrong with it.
     pub(super) fn decode(
         &self,
         states: &mut States,
@@ -163,7 +163,7 @@ impl Compression {
             if row_bytes * rows == out.len() {
                 return decoder.read_chunk_bytes(0, out);
             }
-            // The stream holds more rows than wanted, and the crate reads all or nothing.
+            // The stream has more rows than needed, and the crate decodes all rows or none.
             let mut all = vec![0; row_bytes * rows];
             decoder.read_chunk_bytes(0, &mut all)?;
             out.copy_from_slice(&all[..out.len()]);
@@ -197,7 +197,7 @@ fn unzstd(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String>
     match state.decompress_to_buffer(raw, out) {
         Ok(written) if written == out.len() => Ok(()),
         Ok(written) => Err(format!("zstd data that end after {written} bytes")),
-        // A chunk may hold more rows than it needs, which the above takes for an error.
+        // A chunk may have more rows than needed, which the above rejects.
         Err(_) => {
             let mut reader = zstd::Decoder::with_buffer(raw).map_err(wrong)?;
             std::io::Read::read_exact(&mut reader, out).map_err(wrong)
@@ -208,8 +208,8 @@ fn unzstd(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String>
 fn unlzw(states: &mut States, raw: &[u8], out: &mut [u8]) -> Result<(), String> {
     use weezl::{BitOrder, LzwStatus, decode::Configuration};
 
-    // Every stream begins with the code for "clear", 256. Only where the first version of libtiff wrote it,
-    // in 9 bits from the lowest up, do the bytes begin so.
+    // Every stream begins with the "clear" code, 256. The bytes begin with 0 and an odd byte only
+    // if the first version of libtiff wrote it, as 9 bits from the lowest up.
     let mut old;
     let state = if matches!(raw, [0, second, ..] if second & 1 == 1) {
         old = Configuration::new(BitOrder::Lsb, 8).with_yield_on_full_buffer(true).build();
@@ -295,7 +295,7 @@ impl JpegFrame {
             let rest = jpeg.get(at..)?;
             match *rest {
                 [0xff, 0xff, ..] => at += 1,
-                // Start of frame, of any kind; the gaps are other segments.
+                // Start of frame of any type; the codes between the ranges are other segments.
                 [
                     0xff,
                     0xc0..=0xc3 | 0xc5..=0xc7 | 0xc9..=0xcb | 0xcd..=0xcf,
@@ -323,7 +323,7 @@ impl JpegFrame {
     }
 }
 
-/// The size of a WebP picture.
+/// The size of a WebP image.
 fn webp_size(webp: &[u8]) -> Option<(usize, usize)> {
     let number = |at: usize, bytes: usize| -> Option<usize> {
         Some(webp.get(at..at + bytes)?.iter().rev().fold(0, |n, byte| n << 8 | *byte as usize))

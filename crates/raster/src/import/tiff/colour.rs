@@ -1,20 +1,21 @@
-//! Colour spaces that become RGB: where samples by themselves would mean little, as GDAL does.
+//! Conversion of colour spaces to RGB, for the same spaces as in GDAL.
 
-/// Conversion of a decoded chunk's samples to RGB; all but `Keep` take samples of 8 bits.
+/// Conversion of a decoded chunk's samples to RGB; all except `Keep` require 8-bit samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Colour {
-    /// None: samples stay as they are.
+    /// No conversion.
     Keep,
-    /// JPEG's luma and chroma, the latter already brought to full size.
+    /// JPEG's luma and chroma; chroma is already upsampled.
     Jpeg,
-    /// Subsampled luma and chroma: blocks of this many columns and rows of luma share a pair of chroma
-    /// samples.
+    /// Subsampled luma and chroma: blocks of this many columns and rows of luma share a pair of
+    /// chroma samples.
     Blocks(Yuv, usize, usize),
-    /// Cyan, magenta, yellow, black and perhaps more become red, green, blue and full opacity.
+    /// Cyan, magenta, yellow, black and optional extra samples become red, green, blue and full
+    /// opacity.
     Cmyk,
 }
 
-/// Weights of chroma in red, green (two) and blue: 16 bits after the point.
+/// Weights of chroma in red, green (two) and blue, with 16 fractional bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Yuv {
     red: i32,
@@ -27,7 +28,7 @@ impl Yuv {
     /// Weights of the JPEG file format.
     const JPEG: Yuv = Yuv { red: 91881, green_cr: 46802, green_cb: 22554, blue: 116130 };
 
-    /// The weights for the shares of red, green and blue in luma.
+    /// The weights for given coefficients of red, green and blue in luma.
     pub(super) fn new([red, green, blue]: [f32; 3]) -> Yuv {
         let fixed = |weight: f32| (weight.clamp(0.0, 2.0) * 65536.0 + 0.5) as i32;
         let (r, b) = (2.0 - 2.0 * red, 2.0 - 2.0 * blue);
@@ -52,12 +53,12 @@ impl Yuv {
 }
 
 impl Colour {
-    /// Samples of a pixel after the conversion, from those before it.
+    /// Samples per pixel after the conversion.
     pub(super) fn channels(self, samples: usize) -> usize {
         if self == Colour::Cmyk { 4 } else { samples }
     }
 
-    /// Rows and bytes of a row as compressed, of a chunk with `width` columns of `samples` bytes.
+    /// Rows and bytes per row of the compressed form of a chunk with `width` columns.
     pub(super) fn packed(self, width: usize, rows: usize, row_bytes: usize) -> (usize, usize) {
         match self {
             Colour::Blocks(_, h, v) => (rows.div_ceil(v), width.div_ceil(h) * (h * v + 2)),

@@ -5,15 +5,15 @@ use super::spec::tag;
 use spinney_base::Result;
 use spinney_crs::{ControlPoint, ControlPoints, Crs, Frame, GeoKeys};
 
-// The key for the raster type and its value for points, by their names in the GeoTIFF specification.
+// GeoKey of the raster type and its value for points, by their names in the GeoTIFF specification.
 const GT_RASTER_TYPE: u16 = 1025;
 const RASTER_PIXEL_IS_POINT: u16 = 2;
 
-/// Place of a picture, as its tags tell.
+/// Georeferencing of an image by its tags.
 pub(super) struct Place {
-    /// The identity if they tell none.
+    /// The identity if there is none.
     pub(super) frame: Frame,
-    /// Ground control points, where they are all that places the picture.
+    /// Ground control points, if there is no other georeferencing.
     pub(super) control_points: Option<ControlPoints>,
 }
 
@@ -21,8 +21,8 @@ impl Place {
     pub(super) fn read(directory: &Directory<'_>) -> Result<Place> {
         let (crs, is_point) = crs(directory)?;
         let Some(mut affine) = affine(directory)? else {
-            // Tie points alone are ground control points, which no affine map goes through: then there is only
-            // the picture itself, whose cells are in no system.
+            // Tie points alone are ground control points. No affine map fits them exactly, so the
+            // frame is the identity without a coordinate system.
             let points = tie_points(directory, is_point)?;
             return Ok(if points.is_empty() {
                 Place { frame: Frame { crs, ..Frame::identity() }, control_points: None }
@@ -31,7 +31,7 @@ impl Place {
             });
         };
         if is_point {
-            // What is said of a pixel's centre is to be said of its corner.
+            // Shift the origin from the pixel's centre to its corner.
             let [a, b, _, d, e, _] = affine;
             affine[2] -= (a + b) / 2.0;
             affine[5] -= (d + e) / 2.0;
@@ -41,9 +41,9 @@ impl Place {
     }
 }
 
-/// The tie points; those with numbers that are not finite are left out.
+/// The tie points, without those that are not finite.
 fn tie_points(directory: &Directory<'_>, is_point: bool) -> Result<Vec<ControlPoint>> {
-    // A pixel's number may be that of its centre.
+    // Raster coordinates may refer to pixel centres.
     let centre = if is_point { 0.5 } else { 0.0 };
     let numbers = directory.doubles(tag::MODEL_TIEPOINT)?;
     let points = numbers.as_chunks::<6>().0.iter();
@@ -56,12 +56,12 @@ fn tie_points(directory: &Directory<'_>, is_point: bool) -> Result<Vec<ControlPo
         .collect())
 }
 
-/// The affine map as it stands, in the order of [`Frame::planar`].
+/// The affine map in the tags, in the order of [`Frame::planar`].
 fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
     let tie_points = directory.doubles(tag::MODEL_TIEPOINT)?;
     Ok(match (directory.doubles(tag::MODEL_PIXEL_SCALE)?.as_slice(), tie_points.as_slice()) {
         (&[a, e, ..], &[column, row, _, x, y, _, ..]) if a != 0.0 && e != 0.0 => {
-            // Scales have no sign, rows go south; some writers give a negative number nonetheless.
+            // Scales are positive and rows go south; some writers use a negative scale nonetheless.
             let e = -e.abs();
             Some([a, 0.0, x - column * a, 0.0, e, y - row * e])
         }
@@ -73,7 +73,7 @@ fn affine(directory: &Directory<'_>) -> Result<Option<[f64; 6]>> {
     .filter(|affine| affine.iter().all(|number| number.is_finite())))
 }
 
-/// The coordinate system that the keys define, and whether they say that samples are points.
+/// The coordinate system that the keys define, and whether they declare samples to be points.
 fn crs(directory: &Directory<'_>) -> Result<(Option<Crs>, bool)> {
     let table = directory.numbers(tag::GEO_KEY_DIRECTORY)?.unwrap_or_default();
     let table: Vec<u16> = table.into_iter().map(|number| number as u16).collect();
@@ -82,7 +82,7 @@ fn crs(directory: &Directory<'_>) -> Result<(Option<Crs>, bool)> {
     let mut entries = table.as_chunks::<4>().0.iter().skip(1);
     let is_point = entries.any(|entry| *entry == [GT_RASTER_TYPE, 0, 1, RASTER_PIXEL_IS_POINT]);
     let crs = GeoKeys::new(&table, &doubles, &texts).map(|keys| {
-        // Keys that say no more than a number are that number.
+        // Keys that are equivalent to an EPSG code are replaced by it.
         let epsg = Crs::GeoKeys(keys.clone()).numbers();
         match epsg.filter(|epsg| GeoKeys::of_epsg(*epsg).as_ref() == Some(&keys)) {
             Some(epsg) => Crs::Epsg(epsg),

@@ -1,4 +1,4 @@
-//! The file's bytes, its directories (IFDs) and the values of their tags.
+//! Access to the file's bytes, its directories (IFDs) and the values of their tags.
 
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
@@ -9,27 +9,28 @@ use crate::import::RasterOptions;
 use spinney_base::io::InputFile;
 use spinney_base::{Error, Result};
 
-/// Directories of one file that we look at: pages may be many.
+/// Maximum number of directories of a file; there may be many pages.
 const MAX_DIRECTORIES: usize = 1 << 16;
-/// Entries of all of them together.
+/// Maximum number of entries in all directories together.
 const MAX_CHAINED: u64 = 1 << 20;
-/// Entries of one directory; the classic format itself allows no more.
+/// Maximum number of entries of one directory; the limit of the classic format.
 const MAX_ENTRIES: u64 = u16::MAX as u64;
 
-/// An open file whose parts are read from any thread.
+/// An open file, readable from any thread.
 pub(super) struct Input {
     file: InputFile,
-    /// Bytes in the file.
+    /// Length of the file in bytes.
     pub(super) len: u64,
     pub(super) path: PathBuf,
-    /// Bytes that may be held at once.
+    /// Memory budget in bytes.
     pub(super) memory: u64,
     pub(super) big_endian: bool,
     big: bool,
 }
 
 impl Input {
-    /// Opens a file and reads its 8 or 16 bytes of header; also returns the offset of the first directory.
+    /// Opens a file and reads its header of 8 or 16 bytes; also returns the offset of the first
+    /// directory.
     pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<(Input, u64)> {
         let file = options.access.input(path)?;
         let len = file.len();
@@ -47,7 +48,7 @@ impl Input {
         Ok((input, first))
     }
 
-    /// An error about this file's bytes.
+    /// The error for a corrupt file.
     pub(super) fn corrupt(
         &self,
         place: impl Into<String>,
@@ -57,17 +58,17 @@ impl Input {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// An error about a way to store samples that cannot be read.
+    /// The error for an unsupported storage of samples.
     pub(super) fn unsupported(&self, found: impl Into<String>) -> Error {
         Error::unsupported(&self.path, found, "rewrite the file with `gdal_translate -co COMPRESS=ZSTD`")
     }
 
-    /// An error about samples that cannot be read.
+    /// The error for an unsupported sample format.
     pub(super) fn odd_samples(&self, found: impl Into<String>) -> Error {
         Error::unsupported(&self.path, found, "give the file other samples with `gdal_translate -ot Float64`")
     }
 
-    /// An error about something that does not fit in the allowed memory.
+    /// The error for data that exceed the memory budget.
     pub(super) fn too_large(&self, what: impl Into<String>, needed: u64) -> Error {
         Error::TooLarge {
             path: self.path.clone(),
@@ -78,7 +79,7 @@ impl Input {
         }
     }
 
-    /// Fails unless `length` bytes stand at `offset`.
+    /// Fails unless the file has `length` bytes at `offset`.
     pub(super) fn check(&self, offset: u64, length: u64, place: impl Fn() -> String) -> Result<()> {
         match offset.checked_add(length) {
             Some(end) if end <= self.len => Ok(()),
@@ -96,12 +97,12 @@ impl Input {
         self.file.read_at(offset, buffer).map_err(Error::io(&self.path, "read"))
     }
 
-    /// Whether each read of something else takes a request.
+    /// Whether reads of other ranges each take a request.
     pub(super) fn is_remote(&self) -> bool {
         self.file.is_remote()
     }
 
-    /// Fetches ranges that will be read, those of them that are in the file.
+    /// Fetches ranges that will be read, as far as they are inside the file.
     pub(super) fn prefetch(&self, ranges: &[Range<u64>]) -> Result<()> {
         let inside: Vec<_> = ranges.iter().filter(|range| range.end <= self.len).cloned().collect();
         self.file.prefetch(&inside)
@@ -128,7 +129,7 @@ impl Input {
         Ok(if self.big_endian { u64::from_be_bytes(bytes) } else { u64::from_le_bytes(bytes) })
     }
 
-    /// The directory at `offset`, and the offset of the next one (0 if none).
+    /// Reads the directory at `offset`, and the offset of the next one (0 if none).
     pub(super) fn directory(&self, offset: u64) -> Result<(Directory<'_>, u64)> {
         let place = format!("directory at {offset}");
         let (entries, start, size) = if self.big {
@@ -151,16 +152,17 @@ impl Input {
             let Some(width) = width(kind) else { continue };
             let Some(length) = count.checked_mul(width) else { continue };
             let at = if length <= inline as u64 { at + value as u64 } else { self.number(&bytes[value..]) };
-            // The first of several entries with one tag counts, as for libtiff.
+            // Of several entries with one tag the first is used, as in libtiff.
             directory.entries.entry(tag).or_insert(Entry { kind, count, at });
         }
         let end = start + entries * size;
-        // Many writers leave out the end of the chain when nothing follows.
+        // Many writers omit the end of the chain if nothing follows.
         let next = if self.big { self.u64_at(end, &place) } else { self.u32_at(end, &place).map(u64::from) };
         Ok((directory, next.unwrap_or(0)))
     }
 
-    /// The directories from the one at `offset` on; loops end, and so does the chain after an error, such as that of too many.
+    /// Iterates over the directories from `offset` on. Stops at a loop or after an error, such as
+    /// too many directories.
     pub(super) fn chain(&self, mut offset: u64) -> impl Iterator<Item = Result<LinkedDirectory<'_>>> {
         let (mut seen, mut entries) = (HashSet::new(), 0);
         std::iter::from_fn(move || {
@@ -181,7 +183,7 @@ impl Input {
         })
     }
 
-    /// An unsigned number of 1 to 8 bytes in the file's byte order.
+    /// Decodes an unsigned number of 1 to 8 bytes in the file's byte order.
     fn number(&self, bytes: &[u8]) -> u64 {
         let push = |n: u64, byte: &u8| n << 8 | *byte as u64;
         if self.big_endian { bytes.iter().fold(0, push) } else { bytes.iter().rev().fold(0, push) }
@@ -207,13 +209,13 @@ struct Entry {
     at: u64,
 }
 
-/// A directory, and the offset of the one after it, or 0.
+/// A directory, and the offset of the next one, or 0.
 pub(super) type LinkedDirectory<'a> = (Directory<'a>, u64);
 
-/// The tags of one image of the file. Values are read when asked for.
+/// The tags of one image of the file. Values are read on demand.
 pub(super) struct Directory<'a> {
     input: &'a Input,
-    /// Entries in the file.
+    /// Number of entries in the file.
     listed: u64,
     entries: BTreeMap<u16, Entry>,
 }
@@ -223,14 +225,14 @@ impl Directory<'_> {
         self.entries.contains_key(&tag)
     }
 
-    /// A tag's bytes, and how many bytes each value has.
+    /// Reads a tag's entry and the bytes of its values.
     fn raw(&self, tag: u16) -> Result<Option<(Entry, Vec<u8>)>> {
         let Some(&entry) = self.entries.get(&tag) else { return Ok(None) };
         let length = entry.count.saturating_mul(width(entry.kind).unwrap_or(1));
         let place = || format!("tag {tag}");
-        // Only a table that really is in the file may be asked memory for.
+        // Check first: allocate memory only for tables that are inside the file.
         self.input.check(entry.at, length, place)?;
-        // Numbers take 8 bytes each once they are read.
+        // Each number takes 8 bytes once it is decoded.
         let needed = entry.count.saturating_mul(8);
         if needed > self.input.memory {
             return Err(self.input.too_large(place(), needed));
@@ -286,7 +288,7 @@ impl Directory<'_> {
         Ok(self.numbers(tag)?.and_then(|values| values.first().copied()))
     }
 
-    /// A tag's values as floating-point numbers; nothing if they are neither DOUBLE nor RATIONAL.
+    /// A tag's values as floating-point numbers; empty unless they are DOUBLE or RATIONAL.
     pub(super) fn doubles(&self, tag: u16) -> Result<Vec<f64>> {
         let Some((entry, bytes)) = self.raw(tag)? else { return Ok(Vec::new()) };
         let number = |bytes: &[u8]| self.input.number(bytes);

@@ -1,4 +1,4 @@
-//! The pixels of one image of the file: chunks are read, decoded, and put where they belong.
+//! Pixels of one image of the file: chunks are read, decoded and copied to their regions.
 
 use std::sync::{Arc, Mutex};
 
@@ -15,30 +15,31 @@ use super::spec::{photometric, tag};
 use spinney_base::space::Region;
 use spinney_base::{Error, Result};
 
-/// Bytes of chunks of a file elsewhere that are fetched together: a part of what the cache of these holds.
+/// Bytes of chunks of a remote file that are fetched together: a fraction of the capacity of the
+/// cache of remote reads.
 const FETCHED: u64 = 8 << 20;
 
 /// One image of the file.
 pub(super) struct Image {
     pub(super) layout: ChunkLayout,
     pub(super) sample_format: SampleFormat,
-    /// Samples of a pixel as [`Image::read`] gives them.
+    /// Samples per pixel as returned by [`Image::read`].
     pub(super) channels: usize,
     pub(super) codec: Compression,
     pub(super) photometric: u64,
     pub(super) colour: Colour,
     /// The sample of chunks that were never written.
     pub(super) hole: Vec<u8>,
-    /// Samples of a pixel in the file.
+    /// Samples per pixel in the file.
     samples: usize,
     predictor: Predictor,
-    /// Bits stand in bytes from the lowest up.
+    /// Whether bits are in bytes from the lowest up.
     lowest_first: bool,
     cache: Mutex<ChunkCache>,
     workers: Mutex<Vec<Worker>>,
-    /// Chunks that may be decoded at once.
+    /// Maximum number of chunks decoded at once.
     parallel: usize,
-    /// Chunks that were decoded.
+    /// Number of chunks decoded.
     #[cfg(test)]
     pub(super) decoded: std::sync::atomic::AtomicU64,
 }
@@ -52,21 +53,21 @@ struct Worker {
     row: Vec<u8>,
 }
 
-/// A chunk's part of a request: where its rows go.
+/// Section of a request that one chunk covers, with the output rows.
 struct Job<'a> {
-    /// The channels to give.
+    /// The requested channels.
     chosen: &'a [usize],
     across: u64,
     down: u64,
-    /// The pixels to give.
+    /// The requested pixels.
     part: Region,
-    /// Whether the part is the whole chunk.
+    /// Whether the request covers the whole chunk.
     whole: bool,
     rows: Vec<&'a mut [u8]>,
 }
 
 impl Image {
-    /// Understands an image from its tags.
+    /// Interprets the tags of an image.
     pub(super) fn new(input: &Input, directory: &Directory<'_>) -> Result<Image> {
         let first = |tag, default| Ok::<u64, Error>(directory.number(tag)?.unwrap_or(default));
         let same = |tag, default| match directory.numbers(tag)?.unwrap_or_default().as_slice() {
@@ -101,7 +102,7 @@ impl Image {
         };
         let colour = colour(input, directory, &codec, photometric, sample_format, samples, planar)?;
         if colour != Colour::Keep {
-            // A sign has no meaning for colours.
+            // Colours have no sign.
             sample_format = SampleFormat::Uint(8);
         }
         match codec {
@@ -146,12 +147,13 @@ impl Image {
         })
     }
 
-    /// Bytes of a pixel of all channels.
+    /// Bytes of a pixel with all channels.
     pub(super) fn pixel_bytes(&self) -> usize {
         self.sample_format.sample().size() * self.channels
     }
 
-    /// Reads some channels of a region within the image into `out`, which has just room for them.
+    /// Reads some channels of a region within the image into `out`, which must have exactly their
+    /// size.
     pub(super) fn read(&self, input: &Input, region: Region, chosen: &[usize], out: &mut [u8]) -> Result<()> {
         let mut jobs = self.jobs(region, chosen, out);
         while input.is_remote() && !jobs.is_empty() {
@@ -161,7 +163,7 @@ impl Image {
         self.run_all(input, jobs)
     }
 
-    /// Takes some of the jobs, at least one, and fetches the chunks that they need.
+    /// Splits off some of the jobs, at least one, and fetches their chunks.
     fn fetch<'a>(&self, input: &Input, jobs: &mut Vec<Job<'a>>) -> Result<Vec<Job<'a>>> {
         let (mut ranges, mut bytes, mut first) = (Vec::new(), 0u64, jobs.len());
         while first > 0 && (ranges.is_empty() || bytes < FETCHED) {
@@ -171,7 +173,7 @@ impl Image {
             let planes = if self.layout.planes > 1 { chosen } else { &[0][..] };
             for plane in planes {
                 let found = self.layout.location(*plane as u64, *across, *down);
-                // (One that has all the rest of a file is read as it comes.)
+                // A chunk that extends to the end of the file is not prefetched.
                 if let ChunkLocation::At(offset, Some(count)) = found
                     && let Some(end) = offset.checked_add(count)
                     && !self.cache.lock().expect("no panic while held").has((offset, Some(count), rows))
@@ -193,7 +195,7 @@ impl Image {
         if self.parallel == rayon::current_num_threads() {
             return jobs.into_par_iter().try_for_each(|job| self.run(input, job));
         }
-        // Every job at work holds a decoded chunk: as many at a time as the memory allows.
+        // Each running job holds a decoded chunk, so memory limits their number.
         while !jobs.is_empty() {
             let few = jobs.split_off(jobs.len().saturating_sub(self.parallel));
             few.into_par_iter().try_for_each(|job| self.run(input, job))?;
@@ -201,7 +203,7 @@ impl Image {
         Ok(())
     }
 
-    /// The chunks that a region touches, each with the rows of `out` that it fills.
+    /// The chunks that intersect a region, each with the rows of `out` that it fills.
     fn jobs<'a>(&self, region: Region, chosen: &'a [usize], out: &'a mut [u8]) -> Vec<Job<'a>> {
         let ChunkLayout { chunk_width, chunk_height, .. } = self.layout;
         let pixel = self.sample_format.sample().size() * chosen.len();
@@ -240,7 +242,8 @@ impl Image {
         result
     }
 
-    /// Fills the rows of one job from a chunk of a plane, whose channel has a place among those chosen, or of all channels.
+    /// Fills the rows of one job from a chunk: of one plane, whose channel is `place` among the
+    /// chosen ones, or of all channels.
     fn fill(
         &self,
         input: &Input,
@@ -267,7 +270,7 @@ impl Image {
         }
         self.decode(input, worker, job, plane as u64, key)?;
         self.copy(&worker.chunk, &mut worker.row, job, place);
-        // What is asked for in parts, or is there several times, will likely be asked for again.
+        // Partially read or repeated chunks are likely to be needed again.
         if !job.whole || self.layout.repeats {
             let chunk = Arc::new(std::mem::take(&mut worker.chunk));
             worker.chunk = self.cache.lock().expect("no panic while held").put(key, chunk);
@@ -288,7 +291,8 @@ impl Image {
         self.decoded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
         let place = || self.layout.name(plane, job.across, job.down);
         let width = self.layout.chunk_width as usize;
-        // Tiles at the bottom should have rows beyond the image, but some writers leave them out.
+        // Tiles at the bottom should include rows outside of the image, but some writers omit
+        // these.
         let rows = rows as usize;
         let samples = if self.layout.planes > 1 { 1 } else { self.samples };
         let row_bytes = (width * samples * self.sample_format.bits()).div_ceil(8);
@@ -329,7 +333,7 @@ impl Image {
         Ok(())
     }
 
-    /// Widens the wanted samples of a decoded chunk into the rows of a job.
+    /// Widens the requested samples of a decoded chunk into the rows of a job.
     fn copy(&self, chunk: &[u8], buffer: &mut Vec<u8>, job: &mut Job<'_>, place: usize) {
         let planar = self.layout.planes > 1;
         let samples = if planar { 1 } else { self.channels };
@@ -351,7 +355,7 @@ impl Image {
                     let each = buffer.chunks_exact(size).zip(targets);
                     each.for_each(|(sample, target)| target.copy_from_slice(sample));
                 }
-                // Samples are picked as the file has them, so that others do not have to fit.
+                // Pick samples before widening, so that the others are not converted.
                 Some(stored) => {
                     set_len(buffer, width * chosen.len() * stored);
                     let pixels = from[left * stored..].chunks_exact(samples * stored);
@@ -368,9 +372,9 @@ impl Image {
     }
 }
 
-/// Puts the chosen samples of each pixel, of `size` bytes each, into `out`, until that is full.
+/// Copies the chosen samples of each pixel, of `size` bytes each, to `out`, until that is full.
 fn pick<'a>(pixels: impl Iterator<Item = &'a [u8]>, chosen: &[usize], size: usize, out: &mut [u8]) {
-    // (The usual case: one channel of many.)
+    // The usual case: one channel of many.
     if let [channel] = chosen {
         for (pixel, out) in pixels.zip(out.chunks_exact_mut(size)) {
             out.copy_from_slice(&pixel[channel * size..][..size]);
@@ -384,7 +388,7 @@ fn pick<'a>(pixels: impl Iterator<Item = &'a [u8]>, chosen: &[usize], size: usiz
     }
 }
 
-/// Gives a buffer a length; what it holds is to be overwritten.
+/// Sets the length of a buffer whose content will be overwritten.
 fn set_len(buffer: &mut Vec<u8>, len: usize) {
     if buffer.capacity() < len {
         *buffer = vec![0; len];
@@ -392,7 +396,7 @@ fn set_len(buffer: &mut Vec<u8>, len: usize) {
     buffer.resize(len, 0);
 }
 
-/// Decides which samples become RGB.
+/// Decides on the conversion of samples to RGB.
 fn colour(
     input: &Input,
     directory: &Directory<'_>,

@@ -6,39 +6,39 @@ use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::Region;
 
-/// Strips without compression are read in pieces of about this many bytes, as they may be of any size.
+/// Uncompressed strips may be of any size, so they are read in chunks of about this many bytes.
 const PIECE: u64 = 1 << 20;
 
 /// The grid of chunks of an image.
 pub(super) struct ChunkLayout {
     pub(super) width: u64,
     pub(super) height: u64,
-    /// Columns and rows of a chunk; tiles may reach over the image's edges.
+    /// Columns and rows of a chunk; tiles may exceed the image's edges.
     pub(super) chunk_width: u64,
     pub(super) chunk_height: u64,
     pub(super) tiled: bool,
-    /// Planes that each have their own chunks: 1, or the samples of a pixel.
+    /// Number of planes with chunks of their own: 1, or the samples per pixel.
     pub(super) planes: u64,
-    /// Chunks that each strip is cut into; 1 unless strips are uncompressed and large.
+    /// Chunks per strip; 1 unless strips are uncompressed and large.
     pieces: u64,
     piece_bytes: u64,
     offsets: Vec<u64>,
     counts: Option<Vec<u64>>,
-    /// Whether several chunks are made of the same bytes.
+    /// Whether several chunks share the same bytes.
     pub(super) repeats: bool,
 }
 
 /// Location of a chunk's bytes in the file.
 pub(super) enum ChunkLocation {
-    /// Offset, and number of bytes where the file tells.
+    /// Offset, and length if the file has it.
     At(u64, Option<u64>),
-    /// None: the chunk was never written.
+    /// No location: the chunk was never written.
     Hole,
 }
 
 impl ChunkLayout {
-    /// Reads the size and the chunk tables. `row_bits` gives the bits of a number of pixels in
-    /// a row of one plane.
+    /// Reads the size and the chunk tables. `row_bits` returns the bits of a number of pixels in a
+    /// row of one plane.
     pub(super) fn read(
         input: &Input,
         directory: &Directory<'_>,
@@ -68,14 +68,14 @@ impl ChunkLayout {
             }
             (width, rows)
         };
-        // Some writers put the tables of tiles into the tags meant for strips.
+        // Some writers store the tables of tiles in the tags for strips.
         let table = |tile: u16, strip: u16| if tiled && directory.has(tile) { tile } else { strip };
         let Some(offsets) = directory.numbers(table(tag::TILE_OFFSETS, tag::STRIP_OFFSETS))? else {
             let expected = format!("tag {} or {}", tag::STRIP_OFFSETS, tag::TILE_OFFSETS);
             return Err(input.corrupt("directory", "no chunk offsets", expected));
         };
         let counts = directory.numbers(table(tag::TILE_BYTE_COUNTS, tag::STRIP_BYTE_COUNTS))?;
-        // Old writers of a single strip saw no need to tell its length.
+        // Old writers omitted the length of a single strip.
         let counts = counts.filter(|counts| offsets.len() > 1 || offsets == [0] || counts != &[0]);
 
         let row_bytes = row_bits(chunk_width).div_ceil(8);
@@ -108,17 +108,17 @@ impl ChunkLayout {
         Ok(layout)
     }
 
-    /// Chunks side by side.
+    /// Chunks per row.
     pub(super) fn across(&self) -> u64 {
         self.width.div_ceil(self.chunk_width)
     }
 
-    /// Chunks above each other.
+    /// Chunks per column.
     fn down(&self) -> u64 {
         self.height.div_ceil(self.chunk_height)
     }
 
-    /// The pixels of a chunk, as far as they are in the image.
+    /// The pixels of a chunk inside the image.
     pub(super) fn region(&self, across: u64, down: u64) -> Region {
         let (x, y) = (across * self.chunk_width, down * self.chunk_height);
         Region::new(x, y, self.chunk_width.min(self.width - x), self.chunk_height.min(self.height - y))
@@ -137,7 +137,7 @@ impl ChunkLayout {
         ChunkLocation::At(offset.saturating_add(skip), count.map(|count| count.saturating_sub(skip)))
     }
 
-    /// The chunk in words, for messages.
+    /// Describes the chunk in messages.
     pub(super) fn name(&self, plane: u64, across: u64, down: u64) -> String {
         let kind = if self.tiled { "tile" } else { "strip" };
         let region = self.region(across, down);
@@ -146,9 +146,9 @@ impl ChunkLayout {
     }
 }
 
-/// Whether an offset other than 0, which means that there is no chunk, is there twice.
+/// Whether an offset is repeated, except for 0, which means that there is no chunk.
 fn repeats(offsets: &[u64]) -> bool {
-    // Mostly they grow.
+    // The usual case: offsets increase.
     if offsets.windows(2).all(|pair| pair[0] < pair[1]) {
         return false;
     }
@@ -157,7 +157,8 @@ fn repeats(offsets: &[u64]) -> bool {
     sorted.windows(2).any(|pair| pair[0] == pair[1])
 }
 
-/// Rows to read at once from strips of `rows` rows. They divide the strips evenly, unless there is only one.
+/// Rows to read at once from strips of `rows` rows. They divide strips evenly, unless there is only
+/// one.
 fn piece_rows(rows: u64, row_bytes: u64, single: bool) -> u64 {
     let limit = (PIECE / row_bytes.max(1)).max(1);
     match limit {

@@ -28,7 +28,7 @@ use spinney_base::space::Region;
 use spinney_base::value::{DataKind, Palette};
 use spinney_base::{Error, Result};
 
-/// Opens a TIFF file, of which one page counts.
+/// Opens one page of a TIFF file.
 pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     let (input, first) = Input::open(path, options)?;
     if options.layer.is_some() {
@@ -45,7 +45,7 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     };
     let mut image = Image::new(&input, &directory)?;
     let mut info = info(&directory, &image)?;
-    // (Of a page that was asked for, the file's other ones are none of its business.)
+    // Other pages are irrelevant if one was selected.
     if options.page.is_none() {
         info.pages = pages::count(&input, next);
     }
@@ -58,13 +58,13 @@ pub(crate) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raste
     Ok(Box::new(Tiff { file: Arc::new(OpenFile { input, image, mask }), chosen, info }))
 }
 
-/// The directories of a file's pages, by their offsets.
+/// Offsets of the directories of a file's pages.
 pub(crate) fn page_directories(path: &Path, options: &RasterOptions) -> Result<Vec<u64>> {
     let (input, first) = Input::open(path, options)?;
     pages::directories(&input, first)
 }
 
-/// An open file, with its tables of chunks: what rasters of its channels share.
+/// An open file with its chunk tables, shared by rasters of its channels.
 struct OpenFile {
     input: Input,
     image: Image,
@@ -74,7 +74,7 @@ struct OpenFile {
 /// Channels of an open TIFF file.
 struct Tiff {
     file: Arc<OpenFile>,
-    /// The image's channels that are given, in this order.
+    /// The selected channels of the image, in order.
     chosen: Vec<usize>,
     info: RasterInfo,
 }
@@ -135,29 +135,29 @@ impl Raster for Tiff {
 }
 
 impl Tiff {
-    /// Makes room for a region, if there is enough memory at all.
+    /// Resizes a buffer for a region, if there is enough memory.
     fn resize(&self, bytes: &mut Vec<u8>, region: Region, pixel: usize) -> Result<()> {
         let needed = region.area().saturating_mul(pixel as u64);
         let room = usize::try_from(needed)
             .ok()
             .filter(|needed| bytes.try_reserve_exact(needed.saturating_sub(bytes.len())).is_ok());
         let room = room.ok_or_else(|| self.file.input.too_large("the region asked for", needed))?;
-        // What is left in it from before is overwritten.
+        // Remaining content is overwritten later.
         bytes.resize(room, 0);
         Ok(())
     }
 }
 
-/// The mask that belongs to an image, from the directories that follow.
+/// Finds the mask of an image, in the directories that follow it.
 fn mask(input: &Input, next: u64, image: &Image) -> Result<Option<Image>> {
     for directory in input.chain(next) {
         let (directory, _) = directory?;
-        // (What is behind the next page belongs to that.)
+        // Directories after the next page belong to that page.
         if pages::is_page(&directory) {
             break;
         }
         let is = |tag, value: u64| Ok::<bool, Error>(directory.number(tag)? == Some(value));
-        // Bit 2 of NewSubfileType is "mask", bit 0 "of an overview".
+        // Bit 2 of NewSubfileType is "mask", bit 0 "overview".
         let wanted = is(tag::NEW_SUBFILE_TYPE, 4)?
             && is(tag::IMAGE_WIDTH, image.layout.width)?
             && is(tag::IMAGE_LENGTH, image.layout.height)?;
@@ -223,24 +223,24 @@ fn info(directory: &Directory<'_>, image: &Image) -> Result<RasterInfo> {
     Ok(info)
 }
 
-/// The channel that is opacity.
+/// The index of the opacity channel.
 fn alpha(directory: &Directory<'_>, image: &Image) -> Result<Option<usize>> {
     if image.colour == Colour::Cmyk {
         return Ok(Some(3));
     }
     let extra = directory.numbers(tag::EXTRA_SAMPLES)?.unwrap_or_default();
-    // Extra samples are the last ones of a pixel; 1 and 2 are opacity, multiplied in or not.
+    // Extra samples are the last ones of a pixel; 1 and 2 are opacity, premultiplied or not.
     let index = extra.iter().position(|meaning| matches!(meaning, 1 | 2));
     Ok(index.and_then(|index| (image.channels + index).checked_sub(extra.len())))
 }
 
-/// The colours of a one-channel image, if it has a colour map.
+/// The palette of a one-channel image, if it has a colour map.
 fn colour_map(directory: &Directory<'_>, sample_format: SampleFormat) -> Result<Option<Palette>> {
     let map = match (sample_format, directory.numbers(tag::COLOR_MAP)?) {
         (SampleFormat::Uint(bits @ 1..=16), Some(map)) if map.len() == 3 << bits => map,
         _ => return Ok(None),
     };
-    // The map has 16 bits; some writers put 8 there, or shift them up.
+    // The map has 16 bits; some writers store 8 bits there, or shift them left.
     let divisor = match map.iter().max() {
         Some(0..=255) => 1,
         _ if map.iter().all(|level| level % 256 == 0) => 256,
@@ -252,7 +252,8 @@ fn colour_map(directory: &Directory<'_>, sample_format: SampleFormat) -> Result<
     Ok(Some(Palette { colours }))
 }
 
-/// Grey levels, where a viewer would get them wrong from the samples alone: when 0 is white, and bits.
+/// A palette of grey levels, where samples alone would be displayed wrong: for bits, and if 0 is
+/// white.
 fn ramp(image: &Image) -> Option<Palette> {
     let SampleFormat::Uint(bits @ 1..=8) = image.sample_format else { return None };
     let white_is_zero = image.photometric == photometric::WHITE_IS_ZERO;
@@ -265,7 +266,7 @@ fn ramp(image: &Image) -> Option<Palette> {
     Some(Palette { colours })
 }
 
-/// Texts worth keeping, by GDAL's names.
+/// Text tags that are kept, by GDAL's names.
 fn tags(directory: &Directory<'_>) -> Result<BTreeMap<String, String>> {
     let mut tags = BTreeMap::new();
     for (tag, name) in [
@@ -290,7 +291,7 @@ mod tests {
 
     use super::*;
 
-    /// A file of tiles of 16 x 16 bytes, all at one place; the strips' tags tell where.
+    /// A file whose tiles of 16 x 16 bytes all have the same offset.
     fn repeated(tiles: u32) -> Vec<u8> {
         let side = tiles * 16;
         let data = 8u32;
@@ -301,7 +302,7 @@ mod tests {
         bytes.extend((0..=255u8).map(|pixel| pixel / 3));
         bytes.extend(9u16.to_le_bytes());
         let count = tiles * tiles;
-        // Type 4 is a number of 32 bits.
+        // Type 4 is a 32-bit number.
         for (tag, count, value) in [
             (256u16, 1, side),
             (257, 1, side),
@@ -342,7 +343,7 @@ mod tests {
                 assert_eq!(u64::from(*pixel), (x % 16 + y % 16 * 16) / 3, "{x}, {y}");
             }
         }
-        // Some threads may have been at it at the same time.
+        // Several threads may have decoded it at the same time.
         let most = rayon::current_num_threads() as u64;
         assert!((1..=most).contains(&image.decoded.load(Ordering::Relaxed)));
     }

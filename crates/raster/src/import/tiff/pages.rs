@@ -1,15 +1,15 @@
-//! Pages: pictures of their own in one file, besides overviews and masks.
+//! Pages: independent images in one file, as opposed to overviews and masks.
 
 use super::ifd::{Directory, Input, LinkedDirectory};
 use super::spec::tag;
 use spinney_base::{Error, Result};
 
-/// Bits of NewSubfileType: an overview, a mask.
+/// Bits of NewSubfileType: overview, mask.
 const REDUCED_OR_MASK: u64 = 1 | 4;
 /// The value of SubfileType for an overview.
 const OLD_REDUCED: u64 = 2;
 
-/// Whether a directory is that of a page.
+/// Whether a directory is a page.
 pub(super) fn is_page(directory: &Directory<'_>) -> bool {
     let number = |tag| directory.number(tag).ok().flatten();
     match number(tag::NEW_SUBFILE_TYPE) {
@@ -18,11 +18,11 @@ pub(super) fn is_page(directory: &Directory<'_>) -> bool {
     }
 }
 
-/// The directory of the page of a number, which counts from 0; `first` is the offset of the first directory, which is always a
-/// page.
+/// Finds the directory of a page by its number, from 0. `first` is the offset of the first
+/// directory, which is always a page.
 ///
 /// # Errors
-/// If there is no such page, or the file is damaged before it.
+/// If there is no such page, or the file is corrupt before it.
 pub(super) fn find(input: &Input, first: u64, page: usize) -> Result<LinkedDirectory<'_>> {
     let mut found = 0;
     for directory in input.chain(first) {
@@ -39,16 +39,17 @@ pub(super) fn find(input: &Input, first: u64, page: usize) -> Result<LinkedDirec
     Err(Error::invalid("pages", page.to_string(), expected))
 }
 
-/// How many pages a file has, as far as it is not damaged; `next` is the offset of its second directory.
+/// Counts the pages up to the first corrupt directory. `next` is the offset of the second
+/// directory.
 pub(super) fn count(input: &Input, next: u64) -> usize {
     let readable = input.chain(next).map_while(Result::ok);
     1 + readable.filter(|(directory, _)| is_page(directory)).count()
 }
 
-/// The offsets of the directories of all pages.
+/// Returns the offsets of the directories of all pages.
 ///
 /// # Errors
-/// If the file is damaged in one of its directories.
+/// If one of the directories is corrupt.
 pub(super) fn directories(input: &Input, first: u64) -> Result<Vec<u64>> {
     let (mut offsets, mut offset) = (Vec::new(), first);
     for directory in input.chain(first) {

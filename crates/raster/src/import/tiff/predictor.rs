@@ -1,16 +1,17 @@
-//! Undoing the predictors, which store differences between neighbours in a row.
+//! Inverse of the predictors, which store differences between neighbours in a row.
 
 /// Filter that was applied to rows before compression.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Predictor {
     None,
-    /// Each sample is the difference from the same channel of the pixel before.
+    /// Each sample is the difference from the same channel of the previous pixel.
     Horizontal,
-    /// Bytes of equal rank stand together, each the difference from the one before.
+    /// Bytes of equal significance are grouped, each the difference from the previous one.
     Float,
 }
 
-/// Brings `rows` (each of `row_bytes`, samples of `size` bytes) to plain little-endian samples.
+/// Restores `rows` (each of `row_bytes`, with samples of `size` bytes) to plain little-endian
+/// samples.
 pub(super) fn restore(
     predictor: Predictor,
     rows: &mut [u8],
@@ -19,8 +20,8 @@ pub(super) fn restore(
     channels: usize,
     big_endian: bool,
 ) {
-    // Horizontal differences are between samples as numbers, so that their bytes are put in order first. The
-    // floating-point predictor has the highest bytes first whatever the byte order of the file.
+    // Horizontal differences are between samples as numbers, so byte order is fixed first. The
+    // floating-point predictor stores the most significant bytes first in any file.
     if big_endian && size > 1 && predictor != Predictor::Float {
         match size {
             2 => rows.as_chunks_mut::<2>().0.iter_mut().for_each(|sample| sample.reverse()),
@@ -51,7 +52,7 @@ pub(super) fn restore(
     }
 }
 
-/// Adds to each sample the one `channels` before it.
+/// Adds to each sample the sample `channels` before it.
 fn accumulate(row: &mut [u8], size: usize, channels: usize) {
     macro_rules! sums {
         ($type:ty) => {{

@@ -1,8 +1,8 @@
-//! Samples as files have them, and their way to the types that Spinney has.
+//! Sample formats of TIFF files, and their conversion to Spinney's types.
 
 use spinney_base::value::SampleType;
 
-/// Type of a file's samples, with its number of bits.
+/// Sample format of a file, with its number of bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SampleFormat {
     Uint(u8),
@@ -11,10 +11,11 @@ pub(crate) enum SampleFormat {
 }
 
 impl SampleFormat {
-    /// The format of the tags SampleFormat and BitsPerSample; the error names one that cannot be read.
+    /// The format for the tags SampleFormat and BitsPerSample. The error names an unsupported
+    /// format.
     pub(super) fn new(format: u64, bits: u64) -> Result<SampleFormat, String> {
         match (format, bits) {
-            // 4 is "undefined", which readers take for unsigned.
+            // 4 is "undefined", which readers treat as unsigned.
             (1 | 4, 1..=32 | 64) => Ok(SampleFormat::Uint(bits as u8)),
             (2, 8 | 16 | 32 | 64) => Ok(SampleFormat::Int(bits as u8)),
             (3, 16 | 24 | 32 | 64) => Ok(SampleFormat::Float(bits as u8)),
@@ -28,8 +29,9 @@ impl SampleFormat {
         bits.into()
     }
 
-    /// Bytes of a sample; `None` if samples are packed bit by bit, so that byte order and predictors have no
-    /// meaning. Integers of 24 bits are: their highest byte comes first in any file.
+    /// Bytes of a sample; `None` if samples are bit-packed, so that byte order and predictors do
+    /// not apply. That includes 24-bit integers: their most significant byte comes first in any
+    /// file.
     pub(super) fn bytes(self) -> Option<usize> {
         match self {
             SampleFormat::Uint(24) => None,
@@ -53,7 +55,7 @@ impl SampleFormat {
         }
     }
 
-    /// The type in words: "uint12".
+    /// Name of the format, such as "uint12".
     pub(crate) fn name(self) -> String {
         match self {
             SampleFormat::Uint(bits) => format!("uint{bits}"),
@@ -63,8 +65,8 @@ impl SampleFormat {
         }
     }
 
-    /// Unpacks samples of a row, from sample `first` on, until `out` is full. Samples of whole bytes are
-    /// little-endian.
+    /// Unpacks samples of a row from sample `first` on, until `out` is full. Byte-aligned samples
+    /// are little-endian.
     pub(crate) fn widen(self, row: &[u8], first: usize, out: &mut [u8]) {
         let count = out.len() / self.sample().size();
         let row = match self.bytes() {
@@ -92,12 +94,12 @@ fn each<const N: usize, const M: usize>(row: &[u8], out: &mut [u8], map: impl Fn
     }
 }
 
-/// A number of 1 sign, 7 exponent and 16 mantissa bits, given from its lowest byte.
+/// Decodes a 24-bit float of 1 sign, 7 exponent and 16 mantissa bits, given from its lowest byte.
 fn float24(a: u8, b: u8, c: u8) -> f32 {
     let bits = u32::from_le_bytes([a, b, c, 0]);
     let (sign, exponent, mantissa) = (bits >> 23, bits >> 16 & 0x7f, bits & 0xffff);
     let magnitude = match exponent {
-        // Below the smallest normal number, 2^-62, there are even steps; f32 has room for them all.
+        // Subnormal numbers, below 2^-62; f32 represents all of them.
         0 => mantissa as f32 * 2f32.powi(-62 - 16),
         0x7f => f32::from_bits(0xff << 23 | mantissa << 7),
         _ => f32::from_bits((exponent + 127 - 63) << 23 | mantissa << 7),
@@ -105,7 +107,7 @@ fn float24(a: u8, b: u8, c: u8) -> f32 {
     f32::from_bits(magnitude.to_bits() | sign << 31)
 }
 
-/// Samples of 1 to 31 bits, packed from the highest bit of each byte down.
+/// Unpacks samples of 1 to 31 bits, packed from the highest bit of each byte down.
 fn unpack(row: &[u8], bits: usize, first: usize, out: &mut [u8]) {
     match bits {
         1 | 2 | 4 => {

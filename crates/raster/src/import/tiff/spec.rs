@@ -1,5 +1,5 @@
-//! Numbers of the TIFF 6.0 specification, its technical notes and registered extensions, by their names
-//! there.
+//! Constants of the TIFF 6.0 specification, its technical notes and registered extensions, by their
+//! names there.
 
 /// Tags of an image file directory.
 pub(super) mod tag {

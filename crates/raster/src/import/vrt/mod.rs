@@ -1,4 +1,4 @@
-//! GDAL's virtual rasters: XML files that say which parts of which files make a raster.
+//! GDAL's virtual rasters (VRT): XML files that compose a raster from regions of other files.
 
 mod parse;
 
@@ -13,16 +13,17 @@ use spinney_base::space::Region;
 use spinney_base::value::{SampleType, ValueType};
 use spinney_base::{Error, Result};
 
-/// Virtual rasters that are sources of each other, one in the other.
+/// Maximum nesting of virtual rasters.
 const MAX_NESTED: u8 = 4;
-/// Sources of a virtual raster, with those of the virtual rasters among them, each time that they are used.
+/// Maximum number of sources of a virtual raster, including those of nested virtual rasters for
+/// each use.
 const MAX_SOURCES: u64 = 1 << 20;
 
-/// Where a file stands among virtual rasters that are sources of each other.
+/// Nesting level and source budget of a file among nested virtual rasters.
 #[derive(Clone, Debug)]
 pub(crate) struct Nesting {
     depth: u8,
-    /// Sources that there may still be, in all of them.
+    /// Remaining number of sources, shared by all of them.
     left: Arc<AtomicU64>,
 }
 
@@ -33,7 +34,7 @@ impl Default for Nesting {
 }
 
 impl Nesting {
-    /// The place of a source, of which there is room for as many as `left` says.
+    /// The nesting of a source, with the same source budget.
     fn inside(&self, path: &Path) -> Result<Nesting> {
         let depth = self.depth + 1;
         if depth > MAX_NESTED {
@@ -44,7 +45,7 @@ impl Nesting {
         Ok(Nesting { depth, left: Arc::clone(&self.left) })
     }
 
-    /// The same place, with room for sources as at the beginning.
+    /// The same nesting level with a fresh source budget.
     pub(super) fn anew(&self) -> Nesting {
         Nesting { depth: self.depth, ..Nesting::default() }
     }
@@ -53,7 +54,7 @@ impl Nesting {
         self.left.load(Ordering::Relaxed)
     }
 
-    /// Counts sources.
+    /// Deducts sources from the budget.
     fn spend(&self, path: &Path, sources: u64) -> Result<()> {
         let left = self.left().checked_sub(sources).ok_or_else(|| {
             let found = format!("more than {MAX_SOURCES} sources, with those of virtual rasters among them");
@@ -64,25 +65,25 @@ impl Nesting {
     }
 }
 
-/// An error about what a virtual raster has and is not read.
+/// The error for an unsupported feature of virtual rasters.
 fn unsupported(path: &Path, found: impl Into<String>) -> Error {
     let advice = format!("convert it to GeoTIFF first (`gdal_translate {} OUT.tif`)", path.display());
     Error::unsupported(path, found, advice)
 }
 
-/// Whether a file that begins so is a virtual raster.
+/// Whether a file with these first bytes is a virtual raster.
 pub(super) fn is_vrt(start: &[u8]) -> bool {
     let text = String::from_utf8_lossy(start);
     let text = text.trim_start_matches('\u{feff}').trim_start();
     text.starts_with("<VRTDataset") || text.starts_with("<?xml") && text.contains("<VRTDataset")
 }
 
-/// Opens a virtual raster, and looks at its sources.
+/// Opens a virtual raster and reads the headers of its sources.
 pub(super) fn open(path: &Path, options: &RasterOptions) -> Result<Box<dyn Raster>> {
     parse::read(path, options).map(|vrt| Box::new(vrt) as _)
 }
 
-/// The files of a virtual raster's sources, each once, and how they are opened.
+/// The files of a virtual raster's sources, each once, and the options to open them.
 pub(super) fn sources(path: &Path, options: &RasterOptions) -> Result<Vec<(PathBuf, RasterOptions)>> {
     let vrt = parse::read(path, options)?;
     let mut known = HashSet::new();
@@ -94,26 +95,27 @@ pub(super) fn sources(path: &Path, options: &RasterOptions) -> Result<Vec<(PathB
 /// A virtual raster.
 struct Vrt {
     path: PathBuf,
-    /// The bands that are given.
+    /// The selected bands.
     bands: Vec<Band>,
     info: RasterInfo,
     part: Pixels,
     plane: Plane,
 }
 
-/// A band, made of parts of other rasters.
+/// A band composed of regions of other rasters.
 struct Band {
     sample: SampleType,
     /// The sample where no source has one.
     hole: Vec<u8>,
-    /// What lies on top comes last.
+    /// Ordered from bottom to top.
     sources: Vec<Source>,
 }
 
-/// A part of another raster, of one channel.
+/// A region of one channel of another raster.
 struct Source {
     raster: Lazy,
-    /// The pixels of the band that it makes, of which each pixel of the other raster makes `factor` along each axis.
+    /// The pixels of the band that this source covers. Each pixel of the other raster becomes
+    /// `factor` pixels along each axis.
     region: Region,
     /// The pixel of the band at which the other raster's first pixel begins.
     origin: [i64; 2],
@@ -121,7 +123,7 @@ struct Source {
     missing: Missing,
 }
 
-/// Samples of a source that let those below show.
+/// Samples of a source that are transparent.
 #[derive(Clone)]
 enum Missing {
     None,
@@ -147,14 +149,14 @@ impl Missing {
 #[derive(Default)]
 struct Plane {
     bytes: Vec<u8>,
-    /// Whether a source made the sample.
+    /// Whether a source covers the sample.
     covered: Vec<bool>,
-    /// Samples that none has made yet.
+    /// Number of samples that are not covered yet.
     left: usize,
 }
 
 impl Band {
-    /// A copy of the band, with readers of its own files.
+    /// A copy of the band with file readers of its own.
     fn another(&self) -> Band {
         let another = |source: &Source| Source {
             raster: source.raster.another(),
@@ -168,7 +170,7 @@ impl Band {
         }
     }
 
-    /// Reads a region into a plane, from the source on top down, until nothing shows through.
+    /// Reads a region into a plane, from the top source down, until all of it is covered.
     fn read(&mut self, region: Region, part: &mut Pixels, plane: &mut Plane) -> Result<()> {
         let area = region.area() as usize;
         plane.bytes.clear();
@@ -192,7 +194,7 @@ impl Band {
 }
 
 impl Source {
-    /// Reads what makes some pixels of the band; gives its region in the other raster.
+    /// Reads the samples for some pixels of the band; returns their region in the other raster.
     fn read(&mut self, wanted: Region, part: &mut Pixels) -> Result<Region> {
         let along = |axis: usize, start: u64, end: u64| {
             let offset = |at: u64| (at as i64 - self.origin[axis]) as u64;
@@ -205,7 +207,7 @@ impl Source {
         Ok(from)
     }
 
-    /// Paints samples that were read where none is yet.
+    /// Copies samples to pixels that are not covered yet.
     #[expect(
         clippy::too_many_arguments,
         reason = "regions of both rasters and of the plane, with their types"
@@ -254,7 +256,7 @@ impl Source {
     }
 }
 
-/// Samples of a type as those of one that holds them all.
+/// Converts samples to a wider type.
 fn widen(bytes: &[u8], from: SampleType, to: SampleType, out: &mut Vec<u8>) {
     let mut numbers = Vec::new();
     ValueType::new(from, 1).push_numbers(0, bytes, &mut numbers);
@@ -280,7 +282,7 @@ impl Raster for Vrt {
         let channels = self.bands.len();
         pixels.bytes.clear();
         pixels.bytes.resize(area * size * channels, 0);
-        // A pixel of which no band has a sample is VOID.
+        // A pixel that no band covers is VOID.
         let mut covered = vec![false; area];
         let mut widened = Vec::new();
         for (channel, band) in self.bands.iter_mut().enumerate() {
@@ -304,7 +306,7 @@ impl Raster for Vrt {
     }
 
     fn choose(&mut self, channels: &[usize]) -> bool {
-        // (One that is taken twice would need its sources twice.)
+        // A band selected twice would need its sources twice.
         let twice = (1..channels.len()).any(|at| channels[..at].contains(&channels[at]));
         if twice {
             return false;
@@ -328,7 +330,7 @@ impl Raster for Vrt {
     }
 }
 
-/// The order that is cheap for all sources.
+/// The read order that is cheap for all sources.
 fn order(bands: &[Band]) -> Order {
     let mut sources = bands.iter().flat_map(|band| &band.sources);
     if sources.any(|source| source.raster.info().order == Order::Bands) {

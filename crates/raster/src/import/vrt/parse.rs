@@ -1,4 +1,4 @@
-//! Reading of virtual rasters' XML.
+//! Parser of virtual rasters' XML.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -16,27 +16,28 @@ use spinney_base::space::Region;
 use spinney_base::value::{DataKind, SampleType};
 use spinney_base::{Error, Result};
 
-/// Pixels along a side, at most, as in GDAL.
+/// Maximum number of pixels per side, as in GDAL.
 const MAX_PIXELS: u64 = i32::MAX as u64;
-/// Pixels of a band that nothing may make, whatever there is; more need sources of a share of them.
+/// Number of pixels of a band that may always be empty. Larger rasters need sources that cover a
+/// minimum share of them.
 const MAX_EMPTY: u64 = 1 << 32;
 const MAX_EMPTY_PER_PIXEL: u64 = 1 << 16;
-/// Bands of a raster, as in TIFF.
+/// Maximum number of bands, as in TIFF.
 const MAX_BANDS: usize = 65535;
-/// Pixels that a pixel of a source becomes along a side.
+/// Maximum pixels per side for a pixel of a source.
 const MAX_REPEATED: f64 = 1000.0;
-/// How far rectangles may be from whole pixels.
+/// Maximum distance of rectangles from whole pixels.
 const TOLERANCE: f64 = 0.01;
 
-/// A virtual raster that is read.
+/// State of the parser.
 struct Reader<'a> {
     path: &'a Path,
     size: [u64; 2],
     nesting: Nesting,
-    /// How sources are opened.
+    /// Options to open sources.
     options: RasterOptions,
     pool: Arc<Pool>,
-    /// Sources by path, and how many they are in turn, with all of their own.
+    /// Opened sources by path, and their own number of sources, including themselves.
     known: HashMap<PathBuf, (Lazy, u64)>,
 }
 
@@ -65,7 +66,7 @@ pub(super) fn read(path: &Path, options: &RasterOptions) -> Result<Vrt> {
         }
     };
     let nesting = options.nesting.inside(path)?;
-    // (Those of virtual rasters within others are few, since they multiply.)
+    // Nested virtual rasters keep few files open, since these multiply.
     let most = if options.nesting.depth == 0 { MAX_OPEN } else { 2 };
     let mut reader = Reader {
         path,
@@ -158,7 +159,7 @@ impl Reader<'_> {
         Ok((sample, name))
     }
 
-    /// Refuses a raster that is empty but for a speck.
+    /// Rejects a raster whose sources cover only a tiny share of it.
     fn check_area(&self, bands: &[Band]) -> Result<()> {
         let area = self.size[0] * self.size[1];
         let made: u64 = bands
@@ -221,7 +222,7 @@ impl Reader<'_> {
         Ok(Band { sample, hole, sources })
     }
 
-    /// A source of a band; nothing if none of its pixels is in the raster.
+    /// Parses a source of a band; `None` if none of its pixels is in the raster.
     fn source(
         &mut self,
         element: &XmlElement<'_>,
@@ -317,7 +318,7 @@ impl Reader<'_> {
         Err(Error::corrupt(self.path, element.name, format!("{numbers:?}"), expected))
     }
 
-    /// A file as a source, whose header is read once.
+    /// Opens a file as a source; its header is read once.
     fn open(&mut self, path: &Path) -> Result<Lazy> {
         if let Some((raster, sources)) = self.known.get(path) {
             self.nesting.spend(self.path, *sources)?;
@@ -343,7 +344,7 @@ struct Along {
     factor: u64,
 }
 
-/// Places pixels of a source among those of a band; the error names what cannot be done.
+/// Maps pixels of a source to those of a band. The error names an unsupported mapping.
 fn along(
     from: f64,
     wide: f64,
@@ -364,7 +365,7 @@ fn along(
         return Err("rectangles whose sizes are not 1 to 1000 times, as whole numbers, those of the source");
     }
     let [from, wide, to, factor] = [from, wide, to, factor].map(|number| number as i64);
-    // As far as the source has pixels, and the band has.
+    // Clipped to the pixels of both the source and the band.
     let (start, end) = (from.max(0), (from + wide).min(side as i64));
     let origin = to - from * factor;
     let (first, last) = ((origin + start * factor).max(0), (origin + end * factor).min(size as i64));

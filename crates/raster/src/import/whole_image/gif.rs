@@ -84,7 +84,7 @@ fn read_blocks(file: &mut impl Read) -> std::io::Result<GifBlocks> {
     }
 }
 
-/// Reads blocks of up to 255 bytes, after each byte that is its length, to an empty one.
+/// Reads length-prefixed blocks of up to 255 bytes, up to an empty one.
 fn sub_blocks(file: &mut impl Read, mut visit: impl FnMut(&[u8])) -> std::io::Result<()> {
     let mut data = [0; 255];
     loop {
@@ -97,7 +97,7 @@ fn sub_blocks(file: &mut impl Read, mut visit: impl FnMut(&[u8])) -> std::io::Re
     }
 }
 
-/// Skips the table of colors that flags announce.
+/// Skips the color table that the flags declare.
 fn skip_color_table(file: &mut impl Read, flags: u8) -> std::io::Result<()> {
     let mut table = [0; 3 * 256];
     let bytes = if flags & 0x80 == 0 { 0 } else { 3 << ((flags & 7) + 1) };

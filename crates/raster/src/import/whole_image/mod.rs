@@ -1,6 +1,7 @@
 //! Images that are decoded as a whole, at the first read, and then kept in memory.
 //!
-//! The `image` crate decodes BMP, GIF, Radiance HDR, PNM, QOI, TGA and WebP. JPEG has its own decoder, in `jpeg`.
+//! The `image` crate decodes BMP, GIF, Radiance HDR, PNM, QOI, TGA and WebP. JPEG has its own
+//! decoder, in `jpeg`.
 
 mod gif;
 mod pnm;
@@ -25,7 +26,7 @@ use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
 const ADVICE: &str = "convert it to PNG or TIFF";
-/// Maximum bytes of a header in text form, which the decoders would read to the end of any file.
+/// Maximum size of a text header in bytes. The decoders would read it to the end of any file.
 const MAX_TEXT_HEADER: u64 = 1 << 20;
 
 /// Decodes all samples of a raster with these properties.
@@ -40,10 +41,11 @@ pub(super) struct WholeImage {
 }
 
 impl WholeImage {
-    /// Opens an image after making sure that it fits the memory.
+    /// Opens an image after checking that it fits the memory.
     ///
-    /// Only the decoded image counts, which is kept. During decoding, progressive JPEG needs up to three times as
-    /// much, WebP, TGA with a palette and GIF whose first frame does not fill the image up to twice.
+    /// Only the decoded image, which is kept, is counted. During decoding, progressive JPEG needs
+    /// up to three times as much. WebP, TGA with a palette, and GIF whose first frame does not fill
+    /// the image need up to twice as much.
     pub(super) fn open(
         path: &Path,
         options: &RasterOptions,
@@ -84,14 +86,15 @@ impl Raster for WholeImage {
     }
 }
 
-/// The format of a file that the `image` crate decodes: by its first bytes, and TGA, which has no signature, by the
-/// file name's extension.
+/// Returns the format of a file that the `image` crate decodes: by its first bytes, or for TGA,
+/// which has no signature, by the file name extension.
 pub(super) fn format_of(path: &Path, start: &[u8]) -> Option<ImageFormat> {
     match start {
         [b'R', b'I', b'F', b'F', _, _, _, _, b'W', b'E', b'B', b'P', ..] => Some(ImageFormat::WebP),
         [b'G', b'I', b'F', b'8', b'7' | b'9', b'a', ..] => Some(ImageFormat::Gif),
         [b'q', b'o', b'i', b'f', ..] => Some(ImageFormat::Qoi),
-        // Two letters alone would match text. The header's size follows the header of the file.
+        // Two letters alone would match text, so the size of the second header, which follows the
+        // file header, is checked as well.
         [b'B', b'M', ..]
             if matches!(start.get(14..18), Some([12 | 40 | 52 | 56 | 64 | 108 | 124, 0, 0, 0])) =>
         {
@@ -115,7 +118,7 @@ struct ImageFile {
     format: ImageFormat,
 }
 
-/// Opens a file of a format that starts with these bytes.
+/// Opens a file of a format; `start` is its first bytes.
 pub(super) fn open(
     path: &Path,
     format: ImageFormat,
@@ -234,7 +237,7 @@ impl ImageFile {
         Ok(BufReader::with_capacity(1 << 16, self.access.input(&self.path)?))
     }
 
-    /// A decoder that knows the header.
+    /// Converts the error of creating a decoder.
     fn decoder<D>(&self, decoder: ImageResult<D>) -> Result<D> {
         decoder.map_err(|error| self.error(error))
     }
@@ -262,7 +265,7 @@ impl ImageFile {
         self.decoder(WebPDecoder::new(BufReader::new(file)))
     }
 
-    /// Runs `decode`, whose panics become errors.
+    /// Runs `decode`; its panics become errors.
     fn guarded<T>(&self, decode: impl FnOnce() -> Result<T>) -> Result<T> {
         guard(&self.path, &format!("{} data", self.name()), decode)
     }
@@ -315,7 +318,8 @@ fn bmp_remark(start: &[u8]) -> Option<String> {
     is_wide.then(|| "bits of samples after the eighth are not read".into())
 }
 
-/// Variables of the header, such as `EXPOSURE`, and the commands that made the image. Samples are not divided by them.
+/// Variables of the header, such as `EXPOSURE`, and the commands that made the image. Samples are
+/// not divided by them.
 fn hdr_tags(metadata: &HdrMetadata) -> BTreeMap<String, String> {
     let mut tags = BTreeMap::<String, String>::new();
     for (name, value) in metadata.custom_attributes.iter().filter(|(name, _)| name != "FORMAT") {

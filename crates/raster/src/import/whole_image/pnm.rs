@@ -1,7 +1,7 @@
 //! PNM: PBM, PGM, PPM and PAM, with samples as the file stores them.
 //!
-//! The decoder scales samples to the full range of 8 or 16 bits. So it gets a header whose maximum is that range, and
-//! the file's samples after it.
+//! The decoder scales samples to the full range of 8 or 16 bits. So it gets a header whose maximum
+//! is that range, followed by the file's samples.
 
 use std::io::{self, BufReader, Chain, Cursor, Read, Seek, SeekFrom, Take};
 
@@ -16,10 +16,10 @@ use crate::import::RasterInfo;
 use spinney_base::io::InputFile;
 use spinney_base::value::SampleType;
 
-/// Decodes samples without scaling them, but for those of a single bit: 0 is black, 255 is white.
+/// Decodes samples without scaling, except for single bits: 0 is black, 255 is white.
 pub(super) type Decoder = PnmDecoder<Chain<Cursor<Vec<u8>>, BufReader<Take<InputFile>>>>;
 
-/// Facts of a file's header.
+/// Properties from a file's header.
 pub(super) struct Header {
     subtype: PnmSubtype,
     /// Maximum sample that the header declares.
@@ -56,7 +56,8 @@ pub(super) fn unscaled(file: InputFile) -> ImageResult<(Decoder, Header)> {
     Ok((decoder, Header { subtype, maximum: header.maximal_sample(), has_bits, end }))
 }
 
-/// The header of the same image whose maximum sample is that of the sample's type, and whether samples are single bits.
+/// The header of the same image with the maximum sample of the sample's type, and whether samples
+/// are single bits.
 fn full_range(header: &PnmHeader) -> (PnmHeader, bool) {
     let full = if header.maximal_sample() > 0xff { 0xffff } else { 0xff };
     if let Some(gray) = header.as_graymap() {
@@ -87,7 +88,7 @@ impl Header {
         self.end
     }
 
-    /// The stored type in words, of samples that are read as another.
+    /// Name of the stored type of samples.
     pub(super) fn stored_sample(&self, sample: SampleType) -> String {
         match self.maximum {
             0xff | 0xffff => sample.name().into(),
@@ -119,8 +120,8 @@ impl Header {
         Ok(is_pnm(&next).then(|| "images after the first are not read".into()))
     }
 
-    /// Checks that samples are at most the declared maximum, and brings opacity, which is relative to it, to the full
-    /// range of the type.
+    /// Checks that samples are at most the declared maximum, and scales opacity, which is relative
+    /// to it, to the full range of the type.
     ///
     /// # Errors
     /// Description of the first sample above the maximum, if any.

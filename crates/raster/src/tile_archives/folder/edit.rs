@@ -1,4 +1,5 @@
-//! Updates of a folder of tiles: new tiles wait beside the old ones until all of them are there.
+//! Updates of a tile directory: new tiles are staged next to the old ones until all of them are
+//! written.
 
 use std::fs;
 
@@ -11,25 +12,26 @@ use spinney_base::io::{ClosedFolder, LockFile, Unfinished};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::TileId;
 
-/// Tiles that are in their folder already and get replaced: all of them, or, if this is dropped before it is finished, none.
+/// An update that replaces tiles in their directory: all of them, or none if this is dropped before
+/// it is finished.
 pub(in crate::tile_archives) struct FolderEdit {
     folder: TileFolder,
     own: Own,
     digest: Digest,
     tiles: ClosedFolder,
-    /// What is to be changed, from the first such tile on.
+    /// The staged changes, from the first one on.
     changes: Option<Changes>,
-    /// The folder of the new tiles, as long as nothing else leads to it.
+    /// The staging directory, removed on drop until the changes are sealed.
     unfinished: Option<Unfinished>,
-    /// (Last, so that it goes after all else.)
+    /// Last, so that it is dropped after everything else.
     _lock: LockFile,
 }
 
 impl FolderEdit {
-    /// Opens the folder and keeps others from changing it; finishes an update that was interrupted, or removes what it has left.
+    /// Opens and locks the directory; finishes an interrupted update, or removes its remains.
     pub(in crate::tile_archives) fn open(target: &TileFolder, progress: &dyn Progress) -> Result<FolderEdit> {
         let base = target.base();
-        // (Nothing is made in a folder of something else.)
+        // Checked first, so that no lock is created in an unrelated directory.
         TileFolder::open(base)?;
         let lock = LockFile::take(&base.join(LOCK), base)?;
         Pending::finish_interrupted(base, progress)?;
@@ -45,7 +47,7 @@ impl FolderEdit {
         Ok(FolderEdit { folder, own, digest, tiles, changes: None, unfinished: None, _lock: lock })
     }
 
-    /// The changes; begins with them.
+    /// Returns the changes; starts them if necessary.
     fn changes(&mut self) -> Result<&mut Changes> {
         if self.changes.is_none() {
             self.unfinished = Some(Unfinished::new(&self.folder.base.join(UPDATE)));
@@ -87,7 +89,7 @@ impl TileEdit for FolderEdit {
         let from = self.own.provenance.source.clone();
         self.changes()?;
         let changes = self.changes.take().expect("they have begun");
-        // From here on, what is beside the tiles stays until it is in its place, or was taken back in order.
+        // From here on the staged tiles stay until they are applied or cleanly rolled back.
         self.unfinished = None;
         changes.seal(&from, &about.provenance.source, &document, progress)?.apply(progress)?;
         Ok(stored)

@@ -1,4 +1,4 @@
-//! A folder with a file for each tile, and `tiles.json` about all of them.
+//! A directory with a file per tile, and `tiles.json` with the metadata of all of them.
 
 mod edit;
 mod pending;
@@ -16,16 +16,16 @@ use spinney_base::io::ClosedFolder;
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
 
-/// The document about all tiles.
+/// The document with the metadata of all tiles.
 const DOCUMENT: &str = "tiles.json";
-/// Bytes that the document may have.
+/// Maximum size of the document in bytes.
 const MAX_DOCUMENT: u64 = 16 << 20;
-/// Bytes that a tile may have.
+/// Maximum size of a tile in bytes.
 const MAX_TILE: u64 = 256 << 20;
-/// The lock of whoever updates the folder.
+/// Lock file of an update of the directory.
 const LOCK: &str = ".lock";
 
-/// Names of tiles below a folder: a pattern with `{z}`, `{x}` and `{y}`.
+/// Names of tiles below a directory: a pattern with `{z}`, `{x}` and `{y}`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TileFolder {
     base: PathBuf,
@@ -33,10 +33,12 @@ pub struct TileFolder {
 }
 
 impl TileFolder {
-    /// The folder of a pattern such as `map/{z}/{x}/{y}.png`: that before the first component with a field.
+    /// Parses a pattern such as `map/{z}/{x}/{y}.png`. The base directory is the path before the
+    /// first component with a field.
     ///
     /// # Errors
-    /// If a field is missing or comes twice, there is nothing before the first, or the way leads up.
+    /// If a field is missing or repeated, there is no directory before the first field, or the path
+    /// leads to a parent directory.
     pub fn parse(text: &str) -> Result<TileFolder> {
         let wrong = || {
             let expected =
@@ -56,12 +58,12 @@ impl TileFolder {
         Ok(TileFolder { base: base.into(), pattern: pattern.to_owned() })
     }
 
-    /// The folder.
+    /// The base directory.
     pub fn base(&self) -> &Path {
         &self.base
     }
 
-    /// The end of the tiles' names.
+    /// The file name extension of the tiles.
     pub fn extension(&self) -> Option<&str> {
         Path::new(&self.pattern).extension()?.to_str()
     }
@@ -72,7 +74,8 @@ impl TileFolder {
         name.replace("{y}", &row.to_string())
     }
 
-    /// The folder that [`TileFolder::parse`] made of a pattern, as its document says; that is returned, too.
+    /// Opens a directory that was written for a pattern of [`TileFolder::parse`], which its
+    /// document stores. Also returns the document.
     fn open(base: &Path) -> Result<(TileFolder, Own, Vec<u8>)> {
         let path = base.join(DOCUMENT);
         let corrupt = |found: &str| {
@@ -88,13 +91,13 @@ impl TileFolder {
         Ok((folder, own, text))
     }
 
-    /// Tiles with names of a pattern below a folder.
+    /// Tiles with names of a pattern below a directory.
     fn below(base: &Path, pattern: &str) -> Option<TileFolder> {
         let folder = TileFolder::parse(&format!("./{pattern}")).ok()?;
         (folder.base == Path::new(".")).then(|| TileFolder { base: base.into(), ..folder })
     }
 
-    /// The tile with a name.
+    /// Parses the name of a tile.
     fn tile_of(&self, name: &str) -> Option<TileId> {
         let (mut pattern, mut name_left) = (self.pattern.as_str(), name);
         let mut found = [None; 3];
@@ -114,7 +117,7 @@ impl TileFolder {
     }
 }
 
-/// Whether a folder has the document of an export.
+/// Whether a directory has the document of a tile export.
 pub fn is_tile_folder(path: &Path) -> bool {
     path.is_dir() && path.join(DOCUMENT).is_file()
 }

@@ -1,6 +1,7 @@
-//! Changes of a folder of tiles that wait for their place: new tiles in a folder of their own, the list of what changes, and a
-//! journal that names the states before and after. The journal is there when all else is on the disk; from then on the changes are
-//! made, by whoever comes next, as often as that takes.
+//! Pending changes of a tile directory: new tiles in a staging directory, the list of changes, and
+//! a journal that names the states before and after. The journal is written once everything else is
+//! durable. From then on the changes are applied, if necessary by later processes, repeatedly until
+//! they are complete.
 
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, ErrorKind, Read, Write};
@@ -14,36 +15,36 @@ use spinney_base::io::{ClosedFolder, open_regular, platform, sync_folder};
 use spinney_base::{Error, Progress, Result};
 use spinney_tiles::TileId;
 
-/// The folder of what waits, below that of the tiles. It has `tiles/` with the new ones, the new `tiles.json`, `changes`, and in the end
-/// `journal`.
+/// The staging directory, below that of the tiles. It has the new tiles in `tiles/`, the new
+/// `tiles.json`, `changes`, and finally `journal`.
 pub(super) const UPDATE: &str = ".update";
 const TILES: &str = "tiles";
 const CHANGES: &str = "changes";
 const JOURNAL: &str = "journal";
-/// The journal as long as it is being written.
+/// The journal while it is being written.
 const NEW_JOURNAL: &str = "journal.new";
-/// Bytes that the journal may have.
+/// Maximum size of the journal in bytes.
 const MAX_JOURNAL: u64 = 1 << 20;
 
-/// Marks the number of a tile that is removed.
+/// Flag in the number of a tile that is removed.
 const REMOVED: u64 = 1 << 63;
 
-/// The journal's text.
+/// Content of the journal.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct Journal {
     from: SourceState,
     to: SourceState,
-    /// Names of tiles.
+    /// Pattern of the tile names.
     pattern: String,
-    /// Tiles that change, and the hash of their list.
+    /// Number of changed tiles, and the hash of their list.
     changes: u64,
     hash: String,
 }
 
-/// Changes that are being written.
+/// Changes that are being staged.
 pub(super) struct Changes {
     folder: TileFolder,
-    /// The folder of what waits.
+    /// The staging directory.
     waiting: ClosedFolder,
     list: BufWriter<File>,
     hash: xxhash_rust::xxh3::Xxh3,
@@ -51,7 +52,7 @@ pub(super) struct Changes {
 }
 
 impl Changes {
-    /// Begins with changes, where none wait.
+    /// Starts changes; fails if others are pending.
     pub(super) fn start(folder: &TileFolder) -> Result<Changes> {
         let path = folder.base.join(UPDATE);
         fs::create_dir(&path).map_err(Error::io(&path, "make the folder"))?;
@@ -80,8 +81,8 @@ impl Changes {
             .map_err(Error::io(self.waiting.base(), "write the changes"))
     }
 
-    /// Makes all of it durable, and then the journal: after that the changes are made whatever happens. Where that fails, nothing is
-    /// left.
+    /// Makes everything durable, then the journal: after that the changes will be applied. On
+    /// failure nothing is left.
     pub(super) fn seal(
         self,
         from: &SourceState,
@@ -91,7 +92,7 @@ impl Changes {
     ) -> Result<Pending> {
         let waiting = self.waiting.base().to_path_buf();
         self.sealed(from, to, document, progress).inspect_err(|_| {
-            // (Without its tiles the journal must not be found.)
+            // Remove the journal first: it must not be found without its tiles.
             let journal = fs::remove_file(waiting.join(JOURNAL));
             if journal.is_ok() || journal.is_err_and(|cause| cause.kind() == ErrorKind::NotFound) {
                 let _ = sync_folder(&waiting).and_then(|()| fs::remove_dir_all(&waiting));
@@ -132,14 +133,14 @@ impl Changes {
     }
 }
 
-/// Changes that must be made.
+/// Changes that must be applied.
 pub(super) struct Pending {
     folder: TileFolder,
     journal: Journal,
 }
 
 impl Pending {
-    /// The changes of a folder that an update has left unfinished.
+    /// Returns the pending changes of an unfinished update of a directory.
     pub(super) fn of(base: &Path) -> Result<Option<Pending>> {
         let name = format!("{UPDATE}/{JOURNAL}");
         let Some(text) = ClosedFolder::new(base).read(&name, MAX_JOURNAL)? else { return Ok(None) };
@@ -149,12 +150,13 @@ impl Pending {
         Ok(Some(Pending { folder, journal }))
     }
 
-    /// The states before and after, in words.
+    /// Describes the states before and after.
     pub(super) fn states(&self) -> String {
         format!("from {} to {}", self.journal.from, self.journal.to)
     }
 
-    /// Makes the changes that wait in a folder, with a warning; removes what an update has left that had not come as far.
+    /// Applies the pending changes of a directory, with a warning; removes the remains of an update
+    /// that was not sealed.
     pub(super) fn finish_interrupted(base: &Path, progress: &dyn Progress) -> Result<()> {
         if let Some(pending) = Pending::of(base)? {
             let states = pending.states();
@@ -164,10 +166,10 @@ impl Pending {
         remove_all(&base.join(UPDATE))
     }
 
-    /// Puts everything in its place; what is there already, stays.
+    /// Moves all files to their final paths; files that are already there stay.
     ///
     /// # Errors
-    /// If that fails, or on interruption, with a warning: the changes wait on.
+    /// If that fails, or on cancellation, with a warning: the changes stay pending.
     pub(super) fn apply(self, progress: &dyn Progress) -> Result<()> {
         let base = self.folder.base.clone();
         self.apply_all(progress).inspect_err(|_| {
@@ -213,13 +215,13 @@ impl Pending {
         let journal = waiting.join(JOURNAL);
         fs::remove_file(&journal).map_err(Error::io(&journal, "remove"))?;
         sync_folder(&waiting).map_err(Error::io(&waiting, "sync"))?;
-        // (All is done: what is left is only in the way.)
+        // Everything is applied: the rest is only waste.
         progress.advance(0, count);
         remove_all(&waiting)
     }
 }
 
-/// Hands out the numbers in a list; returns how many there are.
+/// Yields the numbers in a list; returns their count.
 fn each_number(list: &Path, mut each: impl FnMut(u64) -> Result<()>) -> Result<u64> {
     let file = open_regular(File::options().read(true), list)?;
     let length = file.metadata().map_err(Error::io(list, "read"))?.len();
@@ -243,7 +245,7 @@ fn put(from: &Path, to: &PathBuf) -> Result<()> {
     }
 }
 
-/// Removes a folder with all that is in it, if it is there; of a link the link alone.
+/// Removes a directory with its content, if it exists; of a symbolic link only the link.
 fn remove_all(path: &Path) -> Result<()> {
     match fs::remove_dir_all(path) {
         Err(cause) if cause.kind() != ErrorKind::NotFound => Err(Error::io(path, "remove")(cause)),

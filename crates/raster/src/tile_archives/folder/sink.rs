@@ -1,4 +1,4 @@
-//! Folders of tiles that are being written, under another name until they are whole.
+//! Writer of tile directories, under a temporary name until they are complete.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -14,27 +14,28 @@ use spinney_base::io::{ClosedFolder, LockFile, NewDirectories, Unfinished, folde
 use spinney_base::{Error, Result};
 use spinney_tiles::TileId;
 
-/// What was written so far, in a folder that an export can go on with.
+/// The journal of a resumable export, inside the directory.
 const JOURNAL: &str = ".journal";
 
-/// Tiles that are being written, below a folder with another name.
+/// Tiles that are being written, below a directory with a temporary name.
 pub(in crate::tile_archives) struct FolderSink {
     folder: TileFolder,
-    /// The folder until it is finished.
+    /// The directory under its temporary name.
     place: ClosedFolder,
     journal: Journal,
     at: Checkpoint,
-    /// Whether it stays if the export is interrupted.
+    /// Whether it is kept if the export is interrupted.
     is_kept: bool,
     unfinished: Option<Unfinished>,
-    /// The directories above it that were made. (They go after what is in them.)
+    /// Parent directories that were created. Dropped after their content.
     created: NewDirectories,
-    /// The lock of one that stays. (Last, so that it goes after all else.)
+    /// The lock of a resumable export. Last, so that it is dropped after everything else.
     _lock: Option<LockFile>,
 }
 
 impl FolderSink {
-    /// Starts a folder; with `provenance`, which describes the export, goes on with one that was interrupted.
+    /// Starts a directory, or resumes an interrupted one with `provenance`, which describes the
+    /// export.
     pub(in crate::tile_archives) fn create(
         target: &TileFolder,
         provenance: Option<&str>,
@@ -49,7 +50,7 @@ impl FolderSink {
         let (place, journal, at) = match provenance {
             Some(provenance) => {
                 lock = Some(LockFile::take(&above.join(format!("{prefix}lock")), base)?);
-                // (Whoever had the lock may have finished it.)
+                // The previous holder of the lock may have finished it.
                 check_free(base)?;
                 let place = partial_of(base);
                 check_own(&place)?;
@@ -57,7 +58,7 @@ impl FolderSink {
                 (place, journal, at)
             }
             None => {
-                // (First, so that nothing is there yet if that fails.)
+                // First, so that nothing exists yet if this fails.
                 let journal = Journal::temporary(above)?;
                 let mut names = tempfile::Builder::new();
                 let made =
@@ -131,7 +132,7 @@ impl TileSink for FolderSink {
             let journal = self.place.base().join(JOURNAL);
             fs::remove_file(&journal).map_err(Error::io(&journal, "remove"))?;
         }
-        // (An empty folder may be in its place.)
+        // The target may exist as an empty directory.
         let _ = fs::remove_dir(&base);
         fs::rename(self.place.base(), &base).map_err(Error::io(&base, "put in place"))?;
         self.unfinished = None;
@@ -149,7 +150,7 @@ impl Drop for FolderSink {
     }
 }
 
-/// Fails if something is where a folder is to be, other than an empty one.
+/// Fails if the path of a new directory is in use, except for an empty directory.
 fn check_free(base: &Path) -> Result<()> {
     let is_taken = fs::read_dir(base).is_ok_and(|mut entries| entries.next().is_some()) || base.is_file();
     if is_taken {
@@ -159,7 +160,7 @@ fn check_free(base: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Makes a folder to be gone on with later, or takes over what is there if it is empty or has a journal.
+/// Creates a resumable directory, or reuses an existing one if it is empty or has a journal.
 fn check_own(place: &Path) -> Result<()> {
     match fs::create_dir(place) {
         Err(cause) if cause.kind() == ErrorKind::AlreadyExists => {}

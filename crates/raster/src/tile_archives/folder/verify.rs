@@ -1,4 +1,4 @@
-//! Verification of a folder of tiles.
+//! Verification of a tile directory.
 
 use std::fs;
 use std::path::Path;
@@ -10,10 +10,10 @@ use spinney_base::io::LockFile;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 
-/// Checks that a folder has the tiles that were written, and their bytes.
+/// Checks that a directory has the tiles that were written, with their bytes.
 ///
 /// # Errors
-/// If it cannot be read, is no folder of ours, or on interruption.
+/// If it cannot be read or was not written by Spinney, or on cancellation.
 pub(in crate::tile_archives) fn verify(base: &Path, progress: &dyn Progress) -> Result<Vec<Finding>> {
     let lock = base.join(LOCK);
     let check_lock = || match LockFile::holder(&lock) {
@@ -39,7 +39,7 @@ pub(in crate::tile_archives) fn verify(base: &Path, progress: &dyn Progress) -> 
         );
         check.findings.push(Finding { place: "tiles".into(), problem });
     }
-    // What an update has changed meanwhile is no damage.
+    // Changes by a concurrent update are not corruption.
     if !check.findings.is_empty() {
         check_lock()?;
         if TileFolder::open(base)?.2 != document {

@@ -14,14 +14,15 @@ pub(super) struct DirectoryEntry {
     /// Offset from the first byte of all tiles, or of all leaf directories.
     pub(super) offset: u64,
     pub(super) length: u32,
-    /// Tiles that follow each other; 0 is a leaf directory.
+    /// Number of consecutive tiles; 0 marks a leaf directory.
     pub(super) run: u32,
 }
 
-/// Bytes that a decoded directory may have, and entries: a hostile archive must not ask for more.
+/// Maximum size of a decoded directory in bytes, which also bounds its entries: archives are
+/// untrusted.
 const MAX_BYTES: u64 = 64 << 20;
 
-/// The gzipped bytes of a directory.
+/// Encodes a directory, gzipped.
 pub(super) fn to_bytes(entries: &[DirectoryEntry]) -> Vec<u8> {
     let mut bytes = Vec::new();
     push(&mut bytes, entries.len() as u64);
@@ -34,21 +35,21 @@ pub(super) fn to_bytes(entries: &[DirectoryEntry]) -> Vec<u8> {
     entries.iter().for_each(|entry| push(&mut bytes, entry.length.into()));
     let mut next = None;
     for entry in entries {
-        // 0 is where the one before ends.
+        // 0 means the end of the previous entry.
         push(&mut bytes, if next == Some(entry.offset) { 0 } else { entry.offset + 1 });
         next = Some(entry.offset + u64::from(entry.length));
     }
     gzip(&bytes)
 }
 
-/// The entries of a directory, or what is wrong with it.
+/// Decodes a directory, or returns what is wrong with it.
 pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static str> {
     let bytes =
         gunzip(bytes, MAX_BYTES).ok_or("a directory that cannot be unpacked, or has more than 64 MiB")?;
     let mut rest = bytes.as_slice();
     let mut number = || pull(&mut rest).ok_or("a directory that ends too early");
     let count = number()?;
-    // (Each has four numbers of at least a byte.)
+    // Each entry has four numbers of at least one byte.
     if count > bytes.len() as u64 / 4 {
         return Err("a directory with more entries than bytes");
     }
@@ -80,21 +81,21 @@ pub(super) fn from_bytes(bytes: &[u8]) -> Result<Vec<DirectoryEntry>, &'static s
     Ok(entries)
 }
 
-/// Compresses bytes, the same ones always to the same.
+/// Compresses bytes deterministically.
 pub(super) fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::new(6));
     let written = encoder.write_all(bytes).and_then(|()| encoder.finish());
     written.expect("memory takes all that is written")
 }
 
-/// Decompresses bytes, unless they would be more than `most`.
+/// Decompresses bytes, or returns `None` if the result exceeds `most` bytes.
 pub(super) fn gunzip(bytes: &[u8], most: u64) -> Option<Vec<u8>> {
     let mut out = Vec::new();
     GzDecoder::new(bytes).take(most + 1).read_to_end(&mut out).ok()?;
     (out.len() as u64 <= most).then_some(out)
 }
 
-/// Appends a number: seven bits in a byte, the lowest first.
+/// Appends a varint: seven bits per byte, the lowest first.
 fn push(bytes: &mut Vec<u8>, mut number: u64) {
     while number >= 0x80 {
         bytes.push(number as u8 | 0x80);
@@ -147,7 +148,8 @@ mod tests {
         };
         assert!(refused(&[]));
         assert!(refused(&[u64::MAX, 1, 1, 1, 1]));
-        // A tile twice, a number beyond all, a run that is too long, no offset, an offset beyond all.
+        // A duplicate tile, a number out of range, a run that is too long, no offset, an offset out
+        // of range.
         assert!(refused(&[2, 5, 0, 1, 1, 9, 9, 1, 10]));
         assert!(refused(&[2, u64::MAX, 1, 1, 1, 9, 9, 1, 10]));
         assert!(refused(&[1, 5, 1 << 40, 9, 1]));

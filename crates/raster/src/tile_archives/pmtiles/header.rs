@@ -2,12 +2,12 @@
 
 use crate::tile_archives::TileFormat;
 
-/// Bytes of the header.
+/// Size of the header in bytes.
 pub(super) const HEADER: usize = 127;
-/// Bytes at the start of an archive that have the header and the root directory.
+/// Bytes at the start of an archive that are reserved for the header and the root directory.
 pub(super) const START: usize = 16_384;
 
-/// A part of an archive.
+/// A byte range of an archive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ByteRange {
     pub(super) offset: u64,
@@ -21,7 +21,7 @@ pub(super) struct Header {
     pub(super) metadata: ByteRange,
     pub(super) leaves: ByteRange,
     pub(super) tiles: ByteRange,
-    /// Tiles, entries of directories, and contents that differ; 0 is unknown.
+    /// Numbers of tiles, directory entries and distinct contents; 0 is unknown.
     pub(super) counts: [u64; 3],
     pub(super) is_clustered: bool,
     /// Compression of directories and metadata: 1 none, 2 gzip.
@@ -36,13 +36,13 @@ pub(super) struct Header {
     pub(super) centre: [f64; 2],
 }
 
-/// The number of a kind of tiles.
+/// Code of a tile format.
 pub(super) fn tile_type(format: TileFormat) -> u8 {
     match format {
         TileFormat::Png => 2,
         TileFormat::Jpeg => 3,
         TileFormat::Webp => 4,
-        // (There are no numbers for arrays.)
+        // There are no codes for arrays.
         TileFormat::Npy | TileFormat::Tiff => 0,
     }
 }
@@ -64,7 +64,7 @@ impl Header {
         bytes
     }
 
-    /// The fields, if the bytes are those of a header of version 3.
+    /// Parses the fields, if the bytes are a header of version 3.
     pub(super) fn from_bytes(bytes: &[u8; HEADER]) -> Option<Header> {
         if !bytes.starts_with(b"PMTiles\x03") {
             return None;

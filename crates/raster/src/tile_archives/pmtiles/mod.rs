@@ -1,7 +1,7 @@
-//! `PMTiles`, version 3: an archive of tiles in one file, from which a client reads parts by their offsets.
+//! `PMTiles`, version 3: an archive of tiles in one file, from which clients read byte ranges.
 //!
-//! The order of parts is: header and root directory in the first 16384 bytes, tiles, leaf directories, metadata; so that tiles
-//! can be written as they come.
+//! The order in the file is: header and root directory in the first 16384 bytes, tiles, leaf
+//! directories, metadata. So tiles can be written in a stream.
 
 mod directory;
 mod header;

@@ -1,4 +1,4 @@
-//! Reading of an archive, which nobody is trusted to have made well.
+//! Reader of archives, which are untrusted.
 
 use std::collections::HashMap;
 use std::fs::File;
@@ -22,25 +22,25 @@ pub struct Pmtiles {
     length: u64,
     header: Header,
     root: Vec<DirectoryEntry>,
-    /// The leaf directory that was used last, by its offset.
+    /// The last used leaf directory, by its offset.
     leaf: Mutex<Option<(u64, Vec<DirectoryEntry>)>>,
     metadata: serde_json::Value,
 }
 
-/// Bytes that the JSON metadata may have.
+/// Maximum size of the JSON metadata in bytes.
 const MAX_METADATA: u64 = 16 << 20;
-/// Bytes that a tile may have.
+/// Maximum size of a tile in bytes.
 const MAX_TILE: u32 = 64 << 20;
-/// Bytes of a directory as it is stored.
+/// Maximum size of a stored directory in bytes.
 const MAX_DIRECTORY: u64 = 16 << 20;
-/// Directories above each other.
+/// Maximum number of nested directories.
 const MAX_STEPS: usize = 4;
 
 impl Pmtiles {
     /// Opens an archive of version 3 and reads its header, root directory and metadata.
     ///
     /// # Errors
-    /// If it cannot be read, is none, or is damaged there.
+    /// If the file cannot be read, is not such an archive, or is corrupt there.
     pub fn open(path: &Path) -> Result<Pmtiles> {
         let file = open_input(path)?;
         let length = file.metadata().map_err(Error::io(path, "read"))?.len();
@@ -77,7 +77,7 @@ impl Pmtiles {
         Error::corrupt(self.path.as_path(), place, found, expected)
     }
 
-    /// The bytes of a part of the file, which must be in it and not too long.
+    /// Reads a byte range, which must be within the file and at most `most` bytes long.
     fn part(&self, part: ByteRange, most: u64, what: &str) -> Result<Vec<u8>> {
         let end = part.offset.checked_add(part.length);
         if part.length > most || end.is_none_or(|end| end > self.length) {
@@ -99,7 +99,7 @@ impl Pmtiles {
 
     fn directory(&self, part: ByteRange) -> Result<Vec<DirectoryEntry>> {
         let bytes = self.part(part, MAX_DIRECTORY, "directory")?;
-        // (Without compression there is nothing to unpack, and few such archives.)
+        // Uncompressed directories are rare: compress them, since the decoder expects gzip.
         let bytes = if self.header.compression == 1 { directory::gzip(&bytes) } else { bytes };
         directory::from_bytes(&bytes)
             .map_err(|found| self.bad(&format!("directory at {}", part.offset), found, "entries in order"))
@@ -128,10 +128,10 @@ impl Pmtiles {
         self.part(ByteRange { offset, length: entry.length.into() }, MAX_TILE.into(), "tile")
     }
 
-    /// The bytes of a tile; `None` if it is not there.
+    /// Returns the bytes of a tile, or `None` if the archive does not have it.
     ///
     /// # Errors
-    /// If the archive cannot be read or is damaged there.
+    /// If the archive cannot be read or is corrupt there.
     pub fn tile(&self, tile: TileId) -> Result<Option<Vec<u8>>> {
         let number = tile.number();
         let Some(mut entry) = found(&self.root, number) else { return Ok(None) };
@@ -151,26 +151,26 @@ impl Pmtiles {
         Err(self.bad("directory", "directories below directories without an end", "at most four"))
     }
 
-    /// The number of the first tile, if there is one.
+    /// Returns the number of the first tile, if there is one.
     pub(in crate::tile_archives) fn first_tile(&self) -> Option<u64> {
         self.root.first().map(|entry| entry.first)
     }
 
-    /// Description of how the archive was made, if it is one of ours.
+    /// Returns Spinney's own metadata, if Spinney wrote the archive.
     pub(in crate::tile_archives) fn own(&self) -> Option<Own> {
         serde_json::from_value(self.metadata.get("spinney")?.clone()).ok()
     }
 
-    /// The JSON metadata.
+    /// Returns the JSON metadata.
     pub fn metadata(&self) -> &serde_json::Value {
         &self.metadata
     }
 
-    /// Checks the order of all entries, their places, counts, and, of an archive of ours, the hash of all tiles. Memory is that of
-    /// two directories and a tile.
+    /// Checks the order of all entries, their offsets and counts, and the hash of all tiles if
+    /// Spinney wrote the archive. Uses the memory of two directories and a tile.
     ///
     /// # Errors
-    /// If it cannot be read, or on interruption.
+    /// If the archive cannot be read, or on cancellation.
     pub fn verify(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut check = Check {
             archive: self,
@@ -189,32 +189,32 @@ impl Pmtiles {
     }
 }
 
-/// The last entry that is not behind a tile.
+/// Finds the last entry that is not after a tile.
 fn found(entries: &[DirectoryEntry], number: u64) -> Option<DirectoryEntry> {
     let behind = entries.partition_point(|entry| entry.first <= number);
     behind.checked_sub(1).map(|index| entries[index])
 }
 
-/// A verification that is under way.
+/// State of a verification.
 struct Check<'a> {
     archive: &'a Pmtiles,
     findings: Vec<Finding>,
-    /// The first tile that may come next.
+    /// The lowest tile number that may come next.
     next: u64,
-    /// Where the contents so far end.
+    /// End of the contents so far.
     ends: u64,
     totals: [u64; 3],
     digest: Digest,
-    /// Hashes of contents by their places: the first so many.
+    /// Hashes of contents by offset and length, up to a limit.
     known: HashMap<(u64, u32), u128>,
-    /// Bytes that may still be read: contents that lie over each other must not take forever.
+    /// Bytes that may still be read. This bounds the time for archives with overlapping contents.
     budget: u64,
 }
 
-/// Contents whose hashes are remembered.
+/// Maximum number of cached hashes.
 const MAX_REMEMBERED: usize = 1 << 16;
 
-/// Findings that are listed at most.
+/// Maximum number of reported findings.
 const MAX_FINDINGS: usize = 100;
 
 impl Check<'_> {
@@ -254,7 +254,7 @@ impl Check<'_> {
                     Err(Error::Corrupt { place, found, .. }) => self.tell(place, &found),
                     Err(error) => return Err(error),
                 }
-                // Damage that repeats need not be read to its end.
+                // Do not read on if corruption repeats.
                 if self.findings.len() >= MAX_FINDINGS {
                     return Ok(());
                 }
@@ -315,7 +315,7 @@ impl Check<'_> {
     fn finish(&mut self) {
         let counts = self.archive.header.counts;
         for (at, what) in ["tiles", "entries", "contents"].into_iter().enumerate() {
-            // (0 is a number that is not known.)
+            // 0 means unknown.
             if counts[at] != 0 && counts[at] != self.totals[at] {
                 self.tell(
                     "header".into(),

@@ -1,4 +1,4 @@
-//! Writing of an archive.
+//! Writer of archives.
 
 use std::collections::HashMap;
 use std::io::Write;
@@ -20,18 +20,19 @@ pub(in crate::tile_archives) struct PmtilesSink {
     output: Output,
     journal: Journal,
     at: Checkpoint,
-    /// Offset and length of contents, by their hash: the first so many that differ.
+    /// Offset and length of contents, by their hash, up to a limit.
     known: HashMap<u128, (u64, u32)>,
 }
 
-/// Contents that are remembered, of which those that come again are stored once.
+/// Maximum number of remembered contents. Repetitions of these are stored once.
 const MAX_REMEMBERED: usize = 1 << 19;
 
-/// Entries of the first leaf directories that are tried.
+/// Entries per leaf directory in the first attempt.
 const LEAF: usize = 4096;
 
 impl PmtilesSink {
-    /// Starts an archive; with `provenance`, which describes the export, goes on with one that was interrupted.
+    /// Starts an archive, or resumes an interrupted one with `provenance`, which describes the
+    /// export.
     pub(in crate::tile_archives) fn create(output: Output, provenance: Option<&str>) -> Result<PmtilesSink> {
         let path = output.path().to_path_buf();
         if !output.is_file() {
@@ -59,7 +60,7 @@ impl PmtilesSink {
         if there > 0 && !name.exists() {
             return Err(not_ours(&partial));
         }
-        // (A journal without an archive is of one that was finished, or removed.)
+        // A journal without an archive belongs to an export that was finished or removed.
         let (journal, at) = Journal::resumable(name, provenance, there == 0, &mut remember)?;
         let needed = if at.runs == 0 { 0 } else { START as u64 + at.bytes };
         if there < needed {
@@ -73,7 +74,7 @@ impl PmtilesSink {
         Ok(sink)
     }
 
-    /// Room for the header and the root directory.
+    /// Reserves space for the header and the root directory.
     fn start(&mut self) -> Result<()> {
         self.write(&[0; START])
     }
@@ -82,7 +83,8 @@ impl PmtilesSink {
         self.output.write_all(bytes).map_err(Error::io(self.output.path(), "write"))
     }
 
-    /// Entries as directories have them: neighbours that are equal are one, as long as their number has 32 bits.
+    /// Yields entries for directories. Adjacent equal entries are merged, as long as their count
+    /// fits 32 bits.
     fn merged(&mut self, mut each: impl FnMut(DirectoryEntry, u128) -> Result<()>) -> Result<()> {
         let mut last: Option<Entry> = None;
         let mut emit = |entry: Entry| {
@@ -111,7 +113,8 @@ impl PmtilesSink {
         last.map_or(Ok(()), emit)
     }
 
-    /// Writes the leaf directories, of so many entries each, if the root directory of them fits where it must; returns that.
+    /// Writes leaf directories of `size` entries each, if their root directory fits its reserved
+    /// space. Returns the root directory and the leaf directories' length.
     fn leaves(&mut self, size: usize) -> Result<Option<(Vec<u8>, u64)>> {
         let (mut root, mut leaf, mut written) = (Vec::new(), Vec::new(), 0);
         let output_path = self.output.path().to_path_buf();
@@ -184,13 +187,13 @@ impl TileSink for PmtilesSink {
         self.merged(|entry, hash| {
             entries += 1;
             stored.tiles += u64::from(entry.run);
-            // A content that was not stored before is behind all others.
+            // A content that was not stored before follows all others.
             if entry.offset == next {
                 next += u64::from(entry.length);
                 stored.contents += 1;
             }
             digest.add(entry.first, entry.run.into(), hash);
-            // More do not fit into a root directory: each takes at least two bytes.
+            // A root directory cannot hold more: each entry takes at least two bytes.
             if few.len() < START / 2 {
                 few.push(entry);
             }
@@ -212,7 +215,7 @@ impl TileSink for PmtilesSink {
         let text = directory::gzip(about.pmtiles_json(stored.tiles, digest).as_bytes());
         let metadata = ByteRange { offset: leaves.offset + leaves.length, length: text.len() as u64 };
         self.write(&text)?;
-        // (Viewers request the tiles of all zooms that the header claims.)
+        // Viewers request the tiles of all zooms in the header, so leave out zooms without tiles.
         let first = few.first().and_then(|entry| TileId::from_number(entry.first));
         let [least, most] = about.zooms;
         let least = first.map_or(least, |tile| tile.zoom.clamp(least, most));

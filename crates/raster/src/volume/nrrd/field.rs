@@ -1,8 +1,8 @@
-//! Fields of heads: types, lists, vectors.
+//! Values of header fields: types, lists, vectors.
 
 use crate::import::SampleFormat;
 
-/// The samples that a type's name means.
+/// The sample format of a type name.
 pub(super) fn format(name: &str) -> Option<SampleFormat> {
     Some(match name {
         "uchar" | "unsigned char" | "uint8" | "uint8_t" => SampleFormat::Uint(8),
@@ -29,13 +29,13 @@ pub(super) fn format(name: &str) -> Option<SampleFormat> {
     })
 }
 
-/// So many words.
+/// Splits a value into `count` words.
 pub(super) fn words(text: &str, count: usize) -> Option<Vec<&str>> {
     let words: Vec<&str> = text.split_ascii_whitespace().collect();
     (words.len() == count).then_some(words)
 }
 
-/// So many texts between quotation marks.
+/// Parses `count` quoted strings.
 pub(super) fn quoted(text: &str, count: usize) -> Option<Vec<String>> {
     let (mut texts, mut own, mut is_inside) = (Vec::new(), String::new(), false);
     let mut letters = text.chars();
@@ -55,7 +55,7 @@ pub(super) fn quoted(text: &str, count: usize) -> Option<Vec<String>> {
     (!is_inside && texts.len() == count).then_some(texts)
 }
 
-/// So many vectors of so many numbers, as in `(1,0,0)`; nothing for one that is `none`.
+/// Parses `count` vectors of `axes` numbers, as in `(1,0,0)`; `None` for `none`.
 pub(super) fn vectors(text: &str, count: usize, axes: usize) -> Option<Vec<Option<Vec<f64>>>> {
     let mut found = Vec::new();
     let mut rest = text.trim();
@@ -73,7 +73,7 @@ pub(super) fn vectors(text: &str, count: usize, axes: usize) -> Option<Vec<Optio
     (found.len() == count).then_some(found)
 }
 
-/// A text whose line breaks and backslashes are written as two letters.
+/// Replaces the escape sequences of line breaks and backslashes.
 pub(super) fn unescaped(text: &str) -> String {
     let mut plain = String::new();
     let mut letters = text.chars();

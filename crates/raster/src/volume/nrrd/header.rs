@@ -1,4 +1,4 @@
-//! Heads of NRRD files, line by line.
+//! Parser of NRRD headers.
 
 use std::collections::BTreeMap;
 use std::io::{BufRead, Read};
@@ -11,51 +11,51 @@ use super::place;
 use spinney_base::{Error, Result};
 use spinney_container::{Metadata, TagScope};
 
-/// Bytes that a head may have.
+/// Maximum size of a header in bytes.
 const MOST: u64 = 1 << 20;
-/// The newest version of the grammar.
+/// The latest supported version of the format.
 const NEWEST: u8 = b'5';
-/// The domain that tags have that are fields.
+/// Domain of the tags that hold fields.
 pub(super) const DOMAIN: &str = "NRRD";
 
-/// Where samples are.
+/// Location of the samples.
 #[derive(Debug, PartialEq)]
 pub(super) enum DataLocation {
-    /// Behind the head.
+    /// After the header.
     Here,
-    /// In a file, by its path from the head's folder.
+    /// In a data file; the path is relative to the header's directory.
     File(String),
 }
 
-/// How samples are written.
+/// Encoding of the samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Encoding {
     Raw,
     Gzip,
 }
 
-/// The head of a volume.
+/// The header of a volume.
 pub(super) struct Header {
     pub(super) layout: ArrayLayout,
     pub(super) encoding: Encoding,
     pub(super) data: DataLocation,
-    /// Lines before the samples.
+    /// Lines to skip before the samples.
     pub(super) line_skip: u64,
-    /// Bytes before the samples; `None` if these stand at the end.
+    /// Bytes to skip before the samples; `None` if the samples are the end of the file.
     pub(super) byte_skip: Option<u64>,
-    /// Name of the samples' type.
+    /// Name of the sample type.
     pub(super) kind_words: String,
     pub(super) metadata: Metadata,
 }
 
-/// Fields and their texts, with the number of the line that each stands in.
+/// Fields with their line numbers.
 pub(super) struct Fields<'a> {
     path: &'a Path,
     fields: BTreeMap<String, (u64, String)>,
 }
 
 impl Fields<'_> {
-    /// Takes the text of a field out, by one of its names.
+    /// Removes and returns a field, by one of its names.
     pub(super) fn take(&mut self, names: &[&str]) -> Option<(u64, String)> {
         names.iter().find_map(|name| self.fields.remove(*name))
     }
@@ -65,13 +65,13 @@ impl Fields<'_> {
         self.fields.insert(name.into(), (line, text));
     }
 
-    /// Takes out one that must be there.
+    /// Removes and returns a required field.
     fn needed(&mut self, name: &str) -> Result<(u64, String)> {
         self.take(&[name])
             .ok_or_else(|| Error::corrupt(self.path, "the head", "an end", format!("the field `{name}`")))
     }
 
-    /// The error that a field says something else than it should.
+    /// The error for an invalid field.
     pub(super) fn wrong(&self, line: u64, found: &str, expected: impl Into<String>) -> Error {
         let found: String = found.chars().take(60).flat_map(char::escape_debug).collect();
         Error::corrupt(self.path, format!("line {line}"), format!("`{found}`"), expected)
@@ -79,7 +79,7 @@ impl Fields<'_> {
 }
 
 impl Header {
-    /// The file of the samples, if these are not behind the head, which is in a file of this name.
+    /// The data file, if there is one. `path` is that of the header.
     pub(super) fn data_beside(&self, path: &Path) -> Option<PathBuf> {
         match &self.data {
             DataLocation::Here => None,
@@ -87,10 +87,11 @@ impl Header {
         }
     }
 
-    /// Reads a head; what follows on it in the file comes next.
+    /// Reads a header. `input` is left at the first byte after it.
     ///
     /// # Errors
-    /// If it cannot be read, is longer than 1 MiB, breaks the rules, or tells of something that is no volume of a tree.
+    /// If it cannot be read, is longer than 1 MiB, violates the format, or describes anything but a
+    /// volume that trees support.
     pub(super) fn read(input: &mut dyn BufRead, path: &Path) -> Result<Header> {
         let (mut fields, tags) = read_fields(input, path)?;
         let unsupported = |found: String, advice: &str| Error::unsupported(path, found, advice);
@@ -127,7 +128,7 @@ impl Header {
             }
         };
 
-        // (Times of a volume of few columns are no channels.)
+        // A short time axis must not be taken for channels.
         let kinds = fields.fields.get("kinds").map(|(_, text)| text.to_ascii_lowercase());
         let is_place = |kind: &str| matches!(kind, "domain" | "space" | "time");
         if let ([_, _, _, _], Some(kinds)) = (&sizes[..], kinds)
@@ -165,7 +166,7 @@ impl Header {
         };
         let data = match fields.take(&["data file", "datafile"]) {
             None => DataLocation::Here,
-            // (A list of files, or a pattern of names with a first number and a last.)
+            // A list of files, or a pattern of names with a first and a last number.
             Some((_, text)) if text == "LIST" || text.starts_with("LIST ") || text.contains('%') => {
                 let advice = "join them to one: `unu save -f nrrd -i IN.nhdr -o OUT.nrrd`";
                 return Err(unsupported("samples in several files".into(), advice));
@@ -203,7 +204,7 @@ impl Header {
     }
 }
 
-/// Reads all lines: fields by their names in small letters, and what others have added, by its keys.
+/// Reads all lines: fields by their lowercase names, and key/value pairs by their keys.
 fn read_fields<'a>(
     input: &mut dyn BufRead,
     path: &'a Path,
@@ -236,16 +237,16 @@ fn read_fields<'a>(
             }
             continue;
         }
-        // Without samples behind it the head ends with its file.
+        // A header with a data file ends with its file.
         if line.is_empty() {
             return Ok((fields, tags));
         }
-        // (Older programs wrote letters of other encodings.)
+        // Older programs wrote other encodings than UTF-8.
         let text = String::from_utf8_lossy(&line);
         if text.starts_with('#') {
             continue;
         }
-        // A key, which anybody may have added, or a field.
+        // A key/value pair, which any program may add, or a field.
         let name_end =
             [text.find(":="), text.find(": ").or_else(|| text.ends_with(':').then(|| text.len() - 1))];
         match name_end {

@@ -1,4 +1,5 @@
-//! Volumes in NRRD files, of "nearly raw raster data": a head of text, and samples behind it or in another file.
+//! Volumes in NRRD files ("nearly raw raster data"): a text header, and samples after it or in a
+//! separate data file.
 
 mod field;
 mod header;
@@ -22,25 +23,26 @@ use spinney_base::io::{FileAccess, open_input};
 use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 
-/// The first bytes of every NRRD file; the version of its grammar follows.
+/// The first bytes of every NRRD file; the format version follows.
 pub(super) const MAGIC: &[u8] = b"NRRD000";
 
-/// Bytes that one byte of a compressed stream can become at most.
+/// Maximum expansion of a byte of a gzip stream.
 const MAX_GROWTH: u64 = 1032;
-/// Bytes that are unpacked at a time.
+/// Bytes decompressed at a time.
 const PART: usize = 1 << 20;
 
-/// Whether a file is one, by its first bytes.
+/// Whether a file is NRRD, by its first bytes.
 pub(super) fn is_one(path: &Path) -> bool {
     let mut start = [0; MAGIC.len()];
     File::open(path).and_then(|mut file| file.read_exact(&mut start)).is_ok() && start == *MAGIC
 }
 
-/// Opens a file, and makes sure that it has all samples that its head tells of, as far as that is seen without unpacking them.
+/// Opens a file and checks that it has all samples that its header declares, as far as possible
+/// without decompression.
 ///
 /// # Errors
-/// If it cannot be read, is no volume, breaks the rules or uses something unsupported, is shorter than its head says, or has its samples in
-/// another file where `access` refuses that.
+/// If the file cannot be read, is no volume, violates the format, uses an unsupported feature or is
+/// too short, or if it has a data file and `access` refuses that.
 pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
     let mut file = BufReader::new(open_input(path)?);
     let header = Header::read(&mut file, path)?;
@@ -76,7 +78,7 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
     let there = length.saturating_sub(start);
     let (samples, encoding) = match header.encoding {
         Encoding::Raw => {
-            // (Those that stand at the end of a file have what they have before them.)
+            // Samples at the end of the file are preceded by whatever else it has.
             let skip = header.byte_skip.unwrap_or(there.saturating_sub(bytes));
             let Some(start) = start
                 .checked_add(skip)
@@ -118,10 +120,10 @@ pub(super) fn open(path: &Path, access: &FileAccess) -> Result<Told> {
     })
 }
 
-/// The file that has the samples, if it is another than the one with the head.
+/// Returns the data file, if the samples are not in the file of the header.
 ///
 /// # Errors
-/// If the head cannot be read or breaks the rules.
+/// If the header cannot be read or violates the format.
 pub(super) fn data_file(path: &Path) -> Result<Option<PathBuf>> {
     let header = Header::read(&mut BufReader::new(open_input(path)?), path)?;
     Ok(header.data_beside(path))
@@ -131,7 +133,7 @@ pub(super) fn data_file(path: &Path) -> Result<Option<PathBuf>> {
 pub(super) struct Packed {
     path: PathBuf,
     file: File,
-    /// Bytes before the stream, and of what it becomes before the samples.
+    /// Bytes before the stream, and decompressed bytes before the samples.
     start: u64,
     skip: u64,
     /// Bytes of the samples.
@@ -140,11 +142,11 @@ pub(super) struct Packed {
 }
 
 impl Packed {
-    /// The samples of a box in a temporary file in a folder: as many as the head tells of, whatever there are. What comes behind the box is not
-    /// looked at.
+    /// Decompresses the samples of a box into a temporary file in a directory. At most the declared
+    /// samples are decompressed, whatever the stream has. Samples after the box are not read.
     ///
     /// # Errors
-    /// If the stream is damaged, or has fewer, or, where the box has the last sample, more.
+    /// If the stream is corrupt or too short, or, if the box includes the last sample, too long.
     pub(super) fn unpack(mut self, cells: Bounds, folder: &Path, progress: &dyn Progress) -> Result<Array> {
         let damaged = |error: std::io::Error| match error.kind() {
             std::io::ErrorKind::Interrupted | std::io::ErrorKind::PermissionDenied => {
@@ -156,7 +158,7 @@ impl Packed {
         let mut stream = MultiGzDecoder::new(BufReader::with_capacity(1 << 16, &self.file));
         let mut out = BoxSpill::new(self.layout, cells, folder)?;
         let mut part = vec![0; PART];
-        // One byte more than there should be, which tells whether there are more.
+        // One byte more than declared, to detect a longer stream.
         let is_last = out.end() == self.bytes;
         let (mut at, end) = (0, self.skip + out.end() + u64::from(is_last));
         while at < end {

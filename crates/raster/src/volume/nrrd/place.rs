@@ -1,4 +1,4 @@
-//! Where the cells of an NRRD volume are.
+//! Georeferencing of an NRRD volume.
 
 use super::field;
 use super::header::Fields;
@@ -6,7 +6,7 @@ use spinney_base::Result;
 use spinney_container::{Metadata, Tag};
 use spinney_crs::Frame;
 
-/// Units of length that trees know by their names, and other names of them.
+/// Units of length with names known to trees, and their other names.
 const UNITS: [(&str, &[&str]); 6] = [
     ("mm", &["mm", "millimeter", "millimetre", "millimeters", "millimetres"]),
     ("cm", &["cm", "centimeter", "centimetre"]),
@@ -16,11 +16,12 @@ const UNITS: [(&str, &[&str]); 6] = [
     ("ft", &["ft", "foot", "feet"]),
 ];
 
-/// Puts what fields tell of places into the metadata: directions and origin of the space, or else widths, beginnings and ends along the axes; and the unit.
-/// The first `skipped` axes are of no space; `size` is that of the others.
+/// Converts georeferencing fields to metadata: directions and origin in space, or otherwise
+/// spacings, minima and maxima along the axes; and the unit. The first `skipped` axes are not
+/// spatial; `size` is the size of the others.
 ///
 /// # Errors
-/// If a field says something else than it should, or the map of cells to the world has no inverse.
+/// If a field is invalid, or the transform of cells to the world has no inverse.
 pub(super) fn tell(
     fields: &mut Fields<'_>,
     dimension: usize,
@@ -52,14 +53,14 @@ pub(super) fn tell(
                 })?
             }
         };
-        // The origin is the middle of the first cell.
+        // The origin is the centre of the first cell.
         metadata.frame.matrix = std::array::from_fn(|row| {
             let [x, y, z] = std::array::from_fn(|axis| axes[axis][row]);
             [x, y, z, first[row] - (x + y + z) / 2.0]
         });
         check(&metadata.frame).map_err(|expected| fields.wrong(line, &text, expected))?;
     } else {
-        // (What is not known is NaN.)
+        // NaN means unknown.
         let (mut widths, mut begins, mut ends) = ([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
         let mut line_of_widths = None;
         let numbers = |fields: &Fields<'_>, (line, text): &(u64, String)| -> Result<Vec<f64>> {
@@ -77,13 +78,14 @@ pub(super) fn tell(
                 line_of_widths.get_or_insert(told);
             }
         }
-        // Minimum and maximum are the edges of the first and the last cell, or their centres in node-centred volumes.
+        // Minimum and maximum are the outer edges of the first and last cell, or their centres in
+        // node-centred volumes.
         let half = if metadata.frame.pixel_is_point { 0.5 } else { 0.0 };
         for axis in 0..3 {
             let known = |number: f64, other: f64| if number.is_nan() { other } else { number };
             let steps = size[axis] as f64 - 2.0 * half;
             let (begin, end) = (begins[axis], ends[axis]);
-            // (A single sample has no spacing between two of them.)
+            // A single sample has no spacing.
             let between = if steps > 0.0 { (end - begin) / steps } else { f64::NAN };
             widths[axis] = known(known(widths[axis], between), 1.0);
             begins[axis] = known(known(begin, end - steps * widths[axis]), 0.0);
@@ -113,7 +115,7 @@ pub(super) fn tell(
     Ok(())
 }
 
-/// Fails if cells have no place.
+/// Fails if the transform has no inverse.
 fn check(frame: &Frame) -> Result<(), &'static str> {
     let is_finite = frame.matrix.iter().flatten().all(|number| number.is_finite());
     match is_finite && frame.to_cells([0.0; 3]).is_some() {

@@ -58,9 +58,9 @@ fn samples_come_from_where_they_are() {
         let packed = |more: &str| head(&format!("encoding: gzip\nendian: {order}\n{more}"));
         check(&build(folder, &raw(""), &plain).unwrap());
         check(&build(folder, &packed(""), &gzip(&plain)).unwrap());
-        // In several members, as programs that go on with a file write them.
+        // In several gzip members, as written by programs that append to a file.
         check(&build(folder, &packed(""), &[gzip(&plain[..33]), gzip(&plain[33..])].concat()).unwrap());
-        // Behind lines and bytes.
+        // After lines and bytes to be skipped.
         let behind = |data: &[u8]| [b"one\ntwo\n".as_slice(), data].concat();
         check(
             &build(folder, &raw("line skip: 2\nbyte skip: 3\n"), &behind(&[b"xyz", &plain[..]].concat()))
@@ -69,14 +69,14 @@ fn samples_come_from_where_they_are() {
         check(&build(folder, &raw("byte skip: -1\n"), &behind(&plain)).unwrap());
         let skipped = gzip(&[b"xyz", &plain[..]].concat());
         check(&build(folder, &packed("lineskip: 2\nbyteskip: 3\n"), &behind(&skipped)).unwrap());
-        // In files of their own.
+        // In data files.
         std::fs::create_dir_all(folder.join("data")).unwrap();
         std::fs::write(folder.join("data/a b.raw"), &plain).unwrap();
         std::fs::write(folder.join("a.raw.gz"), gzip(&plain)).unwrap();
         check(&build(folder, raw("data file: data/a b.raw").trim_end(), b"").unwrap());
         check(&build(folder, packed("datafile: a.raw.gz").trim_end(), b"").unwrap());
     }
-    // With ends of lines of other systems, and spaces.
+    // With CR LF line ends and extra spaces.
     let lines = head("endian: little\nencoding:   RAW  ").replace('\n', "\r\n");
     let input = [lines.as_bytes(), b"\r\n\r\n", &samples("little")].concat();
     std::fs::write(folder.join("crlf.nrrd"), input).unwrap();
@@ -101,7 +101,7 @@ fn places_units_and_tags_are_kept() {
          modality:=CT\\nhead\nurl: x:=http://a\n",
     );
     let metadata = tree.metadata();
-    // The middle of the first cell is at the origin.
+    // The centre of the first cell is at the origin.
     assert_eq!(metadata.frame.to_world([0.5; 3]), [-10.0, 20.0, 30.5]);
     assert_eq!(metadata.frame.to_world([1.5, 0.5, 0.5]), [-9.5, 20.0, 30.5]);
     assert_eq!(metadata.frame.to_world([0.5, 1.5, 0.5]), [-10.0, 20.0, 28.5]);
@@ -118,7 +118,7 @@ fn places_units_and_tags_are_kept() {
     let frame =
         made("spacings: 0.5 1 2\naxis mins: 10 20 30\ncenters: node node node\n").metadata().frame.clone();
     assert_eq!((frame.to_world([0.5; 3]), frame.pixel_is_point), ([10.0, 20.0, 30.0], true));
-    // From the minimum and the maximum of each axis (5 x 4 x 3 cells): edges of cells, or centres of nodes.
+    // From the minimum and the maximum of each axis (5 x 4 x 3 cells): cell edges or node centres.
     let frame = made("axis mins: 10 nan 30\naxis maxs: 20 8 27\n").metadata().frame.clone();
     assert_eq!(frame.matrix, [[2.0, 0.0, 0.0, 10.0], [0.0, 1.0, 0.0, 4.0], [0.0, 0.0, -1.0, 30.0]]);
     let frame =
@@ -161,7 +161,8 @@ fn heads_that_lie_are_refused() {
     refuse(&packed, &plain, "a compressed stream (gzip)");
     let whole = gzip(&plain);
     refuse(&packed, &whole[..whole.len() / 2], "the samples");
-    // As many cells as no file has, more than the compressed bytes can become, and a stream that becomes very many.
+    // More cells than any file has, more than the compressed bytes can expand to, and a stream that
+    // expands too much.
     let sizes = |sizes: &str| raw.replace("5 4 3", sizes);
     refuse(&sizes("4294967296 4294967296 4294967296"), &plain, "as many bytes as some file has room for");
     refuse(&sizes("18446744073709551616 1 1"), &plain, "3 numbers of samples");
@@ -212,7 +213,7 @@ fn heads_that_lie_are_refused() {
     );
     refuse(&times, &plain, "four axes that are domain domain domain time");
     refuse(&format!("{raw}{}", "#\n".repeat(1 << 20)), &plain, "more than 1 MiB");
-    // Bytes of any kind are no head, and no panic.
+    // Arbitrary bytes are rejected without a panic.
     let bytes = [raw.as_bytes(), b"spacings: 1 2 3\nspace units: \"a\" \"b\" \"c\"\n\n", &plain].concat();
     for place in 0..raw.len() + 40 {
         for byte in [b'\n', b'9', b'"', 0xff] {

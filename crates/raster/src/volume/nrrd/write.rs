@@ -1,4 +1,4 @@
-//! Heads of NRRD files that are written.
+//! Writer of NRRD headers.
 
 use std::fmt::Write as _;
 
@@ -7,7 +7,8 @@ use spinney_base::value::{SampleType, ValueType};
 use spinney_container::{Metadata, Tag, TagScope};
 use spinney_crs::Frame;
 
-/// The head of a file whose samples follow on it, little-endian: of so many cells along x, y and z, which lie in a frame, with what else is known of them.
+/// Returns the header of a file whose little-endian samples follow it. `[x, y, z]` is the size in
+/// cells.
 pub(crate) fn nrrd_head(value: ValueType, [x, y, z]: [u64; 3], frame: &Frame, metadata: &Metadata) -> String {
     let kind = match value.sample {
         SampleType::U8 => "uint8",
@@ -36,17 +37,17 @@ pub(crate) fn nrrd_head(value: ValueType, [x, y, z]: [u64; 3], frame: &Frame, me
         direction(0),
         direction(1),
         direction(2),
-        // (That of the middle of the first cell.)
+        // The origin is the centre of the first cell.
         vector(frame.to_world([0.5; 3]))
     );
-    // What is written to a text has no errors.
+    // Writing to a `String` cannot fail.
     if let Some(unit) = metadata.tag(Tag::Unit) {
         let _ = writeln!(head, "space units:{}", format!(" {:?}", line(unit)).repeat(3));
     }
     if let Some(unit) = metadata.units.first().filter(|unit| !unit.is_empty()) {
         let _ = writeln!(head, "sample units: {}", line(unit));
     }
-    // (A key with a colon would be read as a field.)
+    // A key with a colon would be read as a field.
     let others = metadata.tags.iter().filter(|(key, _)| **key != Tag::Unit.key() && !key.contains(':'));
     for (key, text) in others {
         let _ = writeln!(head, "{}:={}", escaped(key), escaped(text));
@@ -59,12 +60,12 @@ fn vector([x, y, z]: [f64; 3]) -> String {
     format!("({x},{y},{z})")
 }
 
-/// A text on one line.
+/// Replaces control characters, so that the string fits one line.
 fn line(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect()
 }
 
-/// A text on one line, from which the same one is read.
+/// Escapes a string for one line, so that the parser restores it.
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('\n', "\\n")
 }
