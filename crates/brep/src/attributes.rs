@@ -1,4 +1,4 @@
-//! Attributes of parts, as JSON that is kept as it was written.
+//! Attributes of parts, stored as the JSON of the source file.
 
 use std::collections::{BTreeMap, HashSet};
 use std::fmt;
@@ -8,14 +8,15 @@ use serde::de::{self, Deserializer as _, MapAccess, Visitor};
 use serde_json::value::RawValue;
 use spinney_base::Error;
 
-/// Most members of an object whose members are told apart (those within them are not counted).
+/// Maximum number of distinct members of an object; members of nested objects are not counted.
 const MAX_MEMBERS: usize = 1 << 16;
 
-/// Attributes of the parts of a model, and what is said of the files that it is of.
+/// Attributes of a model's parts, and metadata of its source files.
 ///
-/// Each text is a JSON object, without white space between its tokens, numbers and texts in it as they were written. That
-/// of a part has what CityJSON says of a city object, but for its geometry: `type`, `attributes`, `parents` and so
-/// on. That of a file has its `metadata`, but for extents and the reference system, and its `extensions`.
+/// Each entry is a JSON object without white space between tokens; numbers and strings are
+/// unchanged. A part's entry has the members of a CityJSON city object except its geometry: `type`,
+/// `attributes`, `parents` and so on. A file's entry has its `metadata`, except extents and
+/// reference system, and its `extensions`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     parts: BTreeMap<u32, String>,
@@ -25,29 +26,29 @@ pub struct Attributes {
 }
 
 impl Attributes {
-    /// None yet; at most so many bytes are held.
+    /// Creates an empty collection that holds at most `limit` bytes.
     pub fn within(limit: u64) -> Attributes {
         Attributes { limit, ..Attributes::default() }
     }
 
-    /// The text about a part, if there is one.
+    /// Returns the JSON of a part, if it has any.
     pub fn part(&self, part: u32) -> Option<&str> {
         self.parts.get(&part).map(String::as_str)
     }
 
-    /// Number of parts with texts.
+    /// Returns the number of parts with attributes.
     pub fn parts(&self) -> u64 {
         self.parts.len() as u64
     }
 
-    /// The texts about files, of those that say anything of themselves.
+    /// Returns the JSON of the source files that have metadata.
     pub fn files(&self) -> &[String] {
         &self.files
     }
 
-    /// Fails if there is no room for a text; `path` is for the error.
+    /// Reserves memory for an entry, or fails if the limit is exceeded; `path` is for the error.
     fn take_room(&mut self, path: &Path, bytes: usize) -> spinney_base::Result<()> {
-        // (And what the containers take for it.)
+        // (48 bytes for the containers' overhead.)
         self.bytes += bytes as u64 + 48;
         if self.bytes <= self.limit {
             return Ok(());
@@ -61,20 +62,20 @@ impl Attributes {
         })
     }
 
-    /// Adds what is said of a part.
+    /// Adds the JSON of a part.
     ///
     /// # Errors
-    /// If there is no room for it; `path` is for that.
+    /// If the memory limit is exceeded; the error names `path`.
     pub fn push_part(&mut self, path: &Path, part: u32, text: String) -> spinney_base::Result<()> {
         self.take_room(path, text.len())?;
         self.parts.insert(part, text);
         Ok(())
     }
 
-    /// Adds what is said of a file.
+    /// Adds the JSON of a file.
     ///
     /// # Errors
-    /// If there is no room for it; `path` is for that.
+    /// If the memory limit is exceeded; the error names `path`.
     pub fn push_file(&mut self, path: &Path, text: String) -> spinney_base::Result<()> {
         self.take_room(path, text.len())?;
         self.files.push(text);
@@ -82,10 +83,11 @@ impl Attributes {
     }
 }
 
-/// Goes through the members of a JSON object, each with its text. Of those with the same key, the first counts.
+/// Visits the members of a JSON object with their JSON values. Of members with equal keys, the
+/// first counts.
 ///
 /// # Errors
-/// If it is no JSON, no object, or has more than 65536 members.
+/// If `json` is not a JSON object, or has more than 65536 members.
 pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_json::Result<()> {
     struct Members<F> {
         each: F,
@@ -119,13 +121,14 @@ pub fn each_member<'a>(json: &'a str, each: impl FnMut(&str, &'a str)) -> serde_
     json.end()
 }
 
-/// The text about a part with other points in the locations of its addresses: `map` gives the new JSON text of each list of points
-/// (`address[].location.boundaries`), or `None` for a location that is left out.
+/// Returns a part's JSON with the points in its address locations replaced. `map` returns the new
+/// JSON of each point list (`address[].location.boundaries`), or `None` to remove the location.
 ///
-/// In the attributes of a model, these lists have the points' coordinates in the world, `[[x,y,z],...]`. (CityJSON files have numbers of vertices there.)
+/// In a model's attributes, these lists have world coordinates, `[[x,y,z],...]`. (In CityJSON
+/// files, they have vertex indices.)
 ///
 /// # Errors
-/// If it is no JSON object.
+/// If `about` is not a JSON object.
 pub fn map_locations(about: &str, map: &mut LocationMap<'_>) -> serde_json::Result<String> {
     with_member(about, "address", &mut |addresses| {
         if addresses.starts_with('{') {
@@ -143,10 +146,10 @@ pub fn map_locations(about: &str, map: &mut LocationMap<'_>) -> serde_json::Resu
     })
 }
 
-/// Gives the new JSON text of a list of points.
+/// Returns the new JSON of a point list.
 type LocationMap<'a> = dyn FnMut(&str) -> Option<String> + 'a;
 
-/// An address with another location.
+/// Replaces an address's location.
 fn with_location(address: &str, map: &mut LocationMap<'_>) -> serde_json::Result<String> {
     with_member(address, "location", &mut |location| {
         if !location.starts_with('{') {
@@ -162,10 +165,10 @@ fn with_location(address: &str, map: &mut LocationMap<'_>) -> serde_json::Result
     })
 }
 
-/// Gives the new JSON text of a member, or `None` if it is left out.
+/// Returns the new JSON of a member, or `None` to remove it.
 pub(crate) type MemberMap<'a> = dyn FnMut(&str) -> serde_json::Result<Option<String>> + 'a;
 
-/// A JSON object with another member of a name.
+/// Returns a JSON object in which the member `name` is replaced.
 pub(crate) fn with_member(object: &str, name: &str, map: &mut MemberMap<'_>) -> serde_json::Result<String> {
     let mut text = ObjectText::default();
     let mut failure = None;
@@ -182,14 +185,14 @@ pub(crate) fn with_member(object: &str, name: &str, map: &mut MemberMap<'_>) -> 
     failure.map_or(Ok(text.to_string()), Err)
 }
 
-/// A JSON object that is put together member by member, with nothing between tokens.
+/// A JSON object that is built member by member, without white space between tokens.
 #[derive(Default)]
 pub struct ObjectText {
     text: String,
 }
 
 impl ObjectText {
-    /// Adds an attribute, whose value is JSON.
+    /// Adds a member whose value is JSON.
     pub fn push(&mut self, key: &str, json: &str) {
         self.text.push(if self.text.is_empty() { '{' } else { ',' });
         self.text.push_str(&serde_json::Value::from(key).to_string());
@@ -204,7 +207,7 @@ impl ObjectText {
         }
     }
 
-    /// Whether it has no members.
+    /// Returns whether it has no members.
     pub fn is_empty(&self) -> bool {
         self.text.is_empty()
     }

@@ -1,4 +1,4 @@
-//! Whether faces bound a body, for themselves.
+//! Whether a set of faces bounds a solid.
 
 use std::path::Path;
 
@@ -9,11 +9,12 @@ use crate::repair::divided;
 use crate::{FaceList, Faces, InsideRule, show_place};
 use spinney_base::{Error, Progress, Result, SilentProgress, sort};
 
-/// The flaw that keeps some faces from being the boundary of a body, in words, with a place; `None` if they are one, or can be repaired by a rule, if
-/// one is given. `path` is a model's for errors. Progress does not count.
+/// Returns a description of the flaw, with a position, that keeps faces from bounding a solid.
+/// Returns `None` if they do, or if `repair` is given and can repair them. `path` is the model's,
+/// for errors. Progress is only checked for cancellation.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, if a face is none, or on interruption.
+/// If `memory` bytes are not enough, if a face is invalid, or on cancellation.
 pub fn body_flaw(
     faces: &FaceList,
     repair: Option<InsideRule>,
@@ -49,7 +50,7 @@ pub fn body_flaw(
     }
 }
 
-/// Edges that have a face on one side only, in words.
+/// Describes the edges that have a face on one side only.
 fn open_edges(faces: &FaceList, progress: &dyn Progress) -> Result<String> {
     let all = || (0..faces.len() as usize).map(|number| faces.get(number));
     let mut there: Vec<[[i32; 3]; 2]> = all().flat_map(|face| edges(&face).collect::<Vec<_>>()).collect();

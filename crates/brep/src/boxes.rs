@@ -1,16 +1,16 @@
-//! A tree over bounding boxes, in memory: boxes in the order of their middles along a space-filling curve, eight to a
-//! node (as in the packed R-tree of Kamel and Faloutsos, 1993).
+//! An in-memory tree over bounding boxes: a packed R-tree (Kamel and Faloutsos, 1993) whose boxes
+//! are sorted by their centres along a space-filling curve, eight to a node.
 
 use crate::MAX_BITS;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::{Progress, Result, sort};
 
-/// Least and greatest coordinates.
+/// Minimum and maximum coordinates.
 pub(crate) type Bounds = [[i32; 3]; 2];
 
 const FAN_OUT: usize = 8;
 
-/// A tree over boxes, which are known by numbers.
+/// A tree over boxes, which are identified by numbers.
 pub(crate) struct BoxTree {
     /// Numbers of the boxes in the order of the lowest level.
     numbers: Vec<u32>,
@@ -18,11 +18,11 @@ pub(crate) struct BoxTree {
     levels: Vec<Vec<Bounds>>,
 }
 
-/// Bytes of a box in a tree.
+/// Bytes of memory that a tree takes per box.
 pub(crate) const BOX: usize = size_of::<Bounds>() * FAN_OUT / (FAN_OUT - 1) + 4;
 
 impl BoxTree {
-    /// The tree over some boxes, which come by ascending numbers.
+    /// Builds the tree over boxes in ascending order of their numbers.
     pub(crate) fn of(mut boxes: Vec<(u32, Bounds)>) -> BoxTree {
         debug_assert!(boxes.is_sorted_by_key(|(number, _)| *number));
         sort::by_key(&mut boxes, |(_, bounds)| curve_key(bounds));
@@ -30,10 +30,10 @@ impl BoxTree {
         BoxTree::over(numbers, boxes.into_iter().map(|(_, bounds)| bounds).collect())
     }
 
-    /// [`BoxTree::of`] very many boxes.
+    /// Builds the same tree as [`BoxTree::of`], for very many boxes.
     ///
     /// # Errors
-    /// On interruption.
+    /// On cancellation.
     pub(crate) fn watched(boxes: &[(u32, Bounds)], progress: &dyn Progress) -> Result<BoxTree> {
         let key = |((_, bounds), place): (&(u32, Bounds), u128)| u128::from(curve_key(bounds)) << 64 | place;
         let mut keys: Vec<u128> = boxes.iter().zip(0..).map(key).collect();
@@ -43,7 +43,7 @@ impl BoxTree {
         Ok(BoxTree::over(numbers, sorted().map(|(_, bounds)| bounds).collect()))
     }
 
-    /// The tree over boxes that are in order.
+    /// Builds the tree over boxes that are sorted along the curve.
     fn over(numbers: Vec<u32>, boxes: Vec<Bounds>) -> BoxTree {
         let mut levels = vec![boxes];
         while let Some(last) = levels.last().filter(|last| last.len() > 1) {
@@ -54,10 +54,11 @@ impl BoxTree {
         BoxTree { numbers, levels }
     }
 
-    /// Hands out the numbers of all boxes that pass a test, which all boxes around them pass, too.
+    /// Visits the numbers of all boxes that pass a test. The test must be monotone: a box that
+    /// contains a passing box passes, too.
     pub(crate) fn each(&self, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(u32)) {
         let top = self.levels.len() - 1;
-        // Nodes to be looked at: level and place.
+        // Nodes to visit: level and index.
         let mut open: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|place| (top, place)).collect();
         while let Some((level, place)) = open.pop() {
             if !meets(&self.levels[level][place]) {
@@ -71,14 +72,14 @@ impl BoxTree {
     }
 }
 
-/// The place of a box's middle along the curve.
+/// Returns the position of a box's centre along the curve.
 fn curve_key([low, high]: &Bounds) -> u64 {
     let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
     let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
     x | y << 1 | z << 2
 }
 
-/// The box around points, and so much more on all sides.
+/// Returns the bounding box of points, grown by `more` on all sides.
 pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
     points.iter().fold([[i32::MAX; 3], [i32::MIN; 3]], |[low, high], point| {
         [
@@ -89,13 +90,14 @@ pub(crate) fn bounds_of(points: &[[i32; 3]], more: i32) -> Bounds {
 }
 
 impl BoxTree {
-    /// Groups of boxes beside each other, of at most 512 each.
+    /// Returns groups of neighbouring boxes, of at most 512 each.
     pub(crate) fn groups(&self) -> Vec<BoxGroup> {
         let level = (self.levels.len() - 1).min(3);
         (0..self.levels[level].len()).map(|place| BoxGroup { level, place }).collect()
     }
 
-    /// Hands out the numbers of the boxes of a group with those of the boxes of another tree that touch them, in no order.
+    /// Visits the pairs of a box of a group and a box of another tree that touch, in no particular
+    /// order.
     pub(crate) fn pairs_of(&self, group: &BoxGroup, other: &BoxTree, each: &mut dyn FnMut([u32; 2])) {
         let top = other.levels.len() - 1;
         let mut open: Vec<[(usize, usize); 2]> =
@@ -116,20 +118,20 @@ impl BoxTree {
         }
     }
 
-    /// The nodes below one that is not of the lowest level.
+    /// Returns the children of a node above the lowest level.
     fn children(&self, level: usize, place: usize) -> std::ops::Range<usize> {
         let first = place * FAN_OUT;
         first..(first + FAN_OUT).min(self.levels[level - 1].len())
     }
 }
 
-/// Boxes beside each other: those below a node of a tree.
+/// Neighbouring boxes: those below a node of a tree.
 pub(crate) struct BoxGroup {
     level: usize,
     place: usize,
 }
 
-/// The box around two boxes.
+/// Returns the bounding box of two boxes.
 pub(crate) fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bounds {
     [
         [0, 1, 2].map(|axis| low[axis].min(other_low[axis])),
@@ -137,7 +139,7 @@ pub(crate) fn union([low, high]: Bounds, [other_low, other_high]: &Bounds) -> Bo
     ]
 }
 
-/// Whether two boxes have a point in common.
+/// Returns whether two boxes share a point.
 pub(crate) fn touch([low, high]: &Bounds, [other_low, other_high]: &Bounds) -> bool {
     (0..3).all(|axis| low[axis] <= other_high[axis] && other_low[axis] <= high[axis])
 }
@@ -191,8 +193,9 @@ mod tests {
         }
     }
 
-    /// All pairs of intervals between five points, as in "Construction of the spatial intersection line of polygon meshes" (2012), whose test
-    /// misses boxes that lie within the other one or touch it.
+    /// All pairs of intervals between five points, as in "Construction of the spatial intersection
+    /// line of polygon meshes" (2012). The test of that paper misses boxes that are within the
+    /// other box or touch it.
     #[test]
     fn intervals_touch_where_they_share_a_point() {
         let intervals: Vec<[i32; 2]> = (0..5).flat_map(|low| (low..5).map(move |high| [low, high])).collect();

@@ -1,4 +1,4 @@
-//! Some parts of a model, as a model.
+//! A view of some parts of a model.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -6,7 +6,9 @@ use crate::{AttributedFaceVisitor, Face, Faces, Grid};
 use spinney_base::{Error, Result};
 use spinney_crs::Crs;
 
-/// The faces of some parts of a model, which are numbered anew, with corners on the grid. Several passes read all faces of the model.
+/// The faces of some parts of a model; faces and parts are renumbered from 0. Has only faces on the
+/// grid, not the off-grid vertices of exact faces. Every pass, including the one that counts the
+/// faces, reads all faces of the model.
 ///
 /// ```
 /// use spinney::brep::{Face, Faces, Grid};
@@ -24,19 +26,19 @@ use spinney_crs::Crs;
 /// ```
 pub struct ChosenParts<'a> {
     faces: &'a dyn Faces,
-    /// Own number of each part that is chosen.
+    /// New number of each chosen part.
     numbers: BTreeMap<u32, u32>,
-    /// Numbers in the model, and names.
+    /// Old number of each chosen part, and its name below.
     chosen: Vec<u32>,
     names: Vec<String>,
     len: u64,
 }
 
 impl<'a> ChosenParts<'a> {
-    /// Those of the parts that have these numbers; counts their faces.
+    /// Chooses the parts with these numbers, and counts their faces.
     ///
     /// # Errors
-    /// If there is no such part, or the faces cannot be read.
+    /// If a part does not exist or none is chosen, or the faces cannot be read.
     pub fn of(faces: &'a dyn Faces, chosen: &BTreeSet<u32>) -> Result<ChosenParts<'a>> {
         let all = faces.parts();
         if chosen.is_empty() || chosen.iter().any(|part| *part as usize >= all.len()) {

@@ -1,10 +1,11 @@
-//! Test whether a surface is closed, in one pass and constant memory.
+//! Probabilistic test whether a surface is closed, in one pass and constant memory.
 //!
-//! The boundary of a surface is the sum of its faces' directed edges, where opposite edges cancel; a surface is closed if
-//! nothing is left. Instead of keeping the edges, each is turned into a random number of 64 bits that depends on its ends
-//! alone, added for one direction and taken off for the other: the sum is zero if all edges cancel, and is not but by a
-//! chance of 2^-64. Which numbers these are is drawn anew for each test, so that nobody makes a file whose edges
-//! cancel by design.
+//! The boundary of a surface is the sum of its faces' directed edges, where opposite edges cancel.
+//! A surface is closed if that sum is empty. The test does not keep the edges: it hashes each
+//! edge's ends to a 64-bit number, which is added for one direction and subtracted for the other.
+//! The sum is zero if all edges cancel; otherwise, it is zero with a probability of 2^-64. Every
+//! test draws a new random seed, so that an untrusted file cannot contain edges whose hashes cancel
+//! by design.
 
 use std::hash::{BuildHasher, Hasher, RandomState};
 
@@ -13,7 +14,7 @@ use crate::arrangement::{ExactFace, VertexKey, Vertices, cross};
 use crate::store::exact::ExactBlock;
 use spinney_base::{Progress, Result};
 
-/// What the numbers of edges are drawn by: those of one test have one.
+/// Seed of a test's edge hashes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Seed(u64);
 
@@ -26,7 +27,8 @@ impl Seed {
         words.iter().fold(self.0, |sum, word| mix(sum ^ word))
     }
 
-    /// The number of an edge, whatever its direction, and whether it goes from the lesser end to the greater.
+    /// Returns the hash of an undirected edge, and whether the edge is directed from its lesser end
+    /// to the greater.
     fn edge(self, from: [i32; 3], to: [i32; 3]) -> (u64, bool) {
         let is_forward = from < to;
         let [a, b] = if is_forward { [from, to] } else { [to, from] };
@@ -35,7 +37,7 @@ impl Seed {
     }
 }
 
-/// A permutation of 64-bit numbers that looks random (the finaliser of Stafford, "Better bit mixing", variant 13).
+/// A bijective hash of 64-bit integers (Stafford, "Better bit mixing", variant 13).
 #[inline]
 fn mix(mut x: u64) -> u64 {
     x = x.wrapping_add(0x9e37_79b9_7f4a_7c15);
@@ -44,7 +46,8 @@ fn mix(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// The edges of some faces, by which nothing is left where each is there as often in one direction as in the other.
+/// The sum of directed edges; it is zero if every edge occurs as often in one direction as in the
+/// other.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Closure {
     seed: Seed,
@@ -52,7 +55,7 @@ pub(crate) struct Closure {
 }
 
 impl Closure {
-    /// None so far.
+    /// Creates an empty sum.
     pub(crate) fn new(seed: Seed) -> Closure {
         Closure { seed, sum: 0 }
     }
@@ -65,14 +68,14 @@ impl Closure {
         }
     }
 
-    /// Takes off the edges of a face.
+    /// Subtracts the edges of a face.
     fn remove(&mut self, face: &Face<'_>) {
         let sum = std::mem::replace(&mut self.sum, 0);
         self.add(face);
         self.sum = sum.wrapping_sub(self.sum);
     }
 
-    /// Adds the edges of other faces, drawn by the same seed.
+    /// Adds another sum with the same seed.
     pub(crate) fn append(&mut self, other: Closure) {
         self.sum = self.sum.wrapping_add(other.sum);
     }
@@ -82,10 +85,11 @@ impl Closure {
     }
 }
 
-/// The edges of a surface of which some faces have corners beside the grid, and vertices may lie on edges of others.
+/// The sum of the edges of a surface with off-grid vertices, where vertices may be inside of other
+/// faces' edges.
 ///
-/// Along a line, edges cancel if each point of it is as often the end of one as the beginning: so it is the ends that have
-/// numbers, each with the direction of its edge.
+/// The edges on a line cancel if each point of the line is the end of as many edges as it is the
+/// start of. So the ends are hashed instead of the edges, each with the direction of its edge.
 pub(crate) struct ExactClosure {
     seed: Seed,
     sum: u64,
@@ -93,12 +97,12 @@ pub(crate) struct ExactClosure {
 }
 
 impl ExactClosure {
-    /// None so far.
+    /// Creates an empty sum.
     pub(crate) fn new(seed: Seed) -> ExactClosure {
         ExactClosure { seed, sum: 0, vertices: Vertices::default() }
     }
 
-    /// Adds the edges of a face with corners on the grid.
+    /// Adds the edges of a face with all vertices on the grid.
     pub(crate) fn add(&mut self, face: &Face<'_>) {
         for [from, to] in edges(face) {
             let along = [0, 1, 2].map(|axis| i128::from(to[axis]) - i128::from(from[axis]));
@@ -106,7 +110,7 @@ impl ExactClosure {
         }
     }
 
-    /// Adds the edges of a face with corners beside it.
+    /// Adds the edges of a face with off-grid vertices.
     pub(crate) fn add_exact(&mut self, face: &ExactFace) {
         for (corner, next) in face.edges() {
             let [from, to] = [&corner.point, next].map(|point| self.vertices.key(point));
@@ -114,7 +118,8 @@ impl ExactClosure {
         }
     }
 
-    /// Adds the edges of a block of faces with corners beside the grid. What is wrong with it is told in words.
+    /// Adds the edges of a block of faces with off-grid vertices. Errors describe the flaw of an
+    /// invalid block.
     pub(crate) fn add_block(&mut self, block: &ExactBlock<'_>) -> Result<(), String> {
         let keys: Vec<VertexKey> = block.points()?.iter().map(|point| self.vertices.key(point)).collect();
         let mut missing = None;
@@ -125,7 +130,7 @@ impl ExactClosure {
         missing.map_or(Ok(()), |ends| Err(format!("an edge between the vertices {ends:?} of {}", keys.len())))
     }
 
-    /// Takes off what an addition adds.
+    /// Subtracts what `add` adds.
     fn remove(&mut self, add: impl FnOnce(&mut ExactClosure)) {
         let sum = std::mem::replace(&mut self.sum, 0);
         add(self);
@@ -150,7 +155,7 @@ impl ExactClosure {
     }
 }
 
-/// The greatest common divisor.
+/// Returns the GCD of two numbers.
 fn divide_out(mut a: u128, mut b: u128) -> u128 {
     while b != 0 {
         (a, b) = (b, a % b);
@@ -158,31 +163,32 @@ fn divide_out(mut a: u128, mut b: u128) -> u128 {
     a
 }
 
-/// The edges of a face that have a length.
+/// Returns the edges of a face that have a length.
 pub(crate) fn edges<'a>(face: &Face<'a>) -> impl Iterator<Item = [[i32; 3]; 2]> + use<'a> {
     let of_ring = |ring: &'a [[i32; 3]]| (0..ring.len()).map(|i| [ring[i], ring[(i + 1) % ring.len()]]);
     face.rings().flat_map(of_ring).filter(|[from, to]| from != to)
 }
 
-/// The edges of a whole surface, of which some faces may have corners beside the grid and others stand in for these.
+/// The closure test of a whole surface, in which some faces may be proxies for faces with off-grid
+/// vertices.
 pub(crate) struct SurfaceClosure {
-    /// Of the faces in the octree.
+    /// Sum over the faces in the octree.
     closure: Closure,
-    /// Of the exact surface, where it is another one.
+    /// Sum over the exact surface, if it differs from the faces in the octree.
     exact: Option<ExactClosure>,
-    /// The first flaw of a face with corners beside the grid.
+    /// The first flaw of a face with off-grid vertices.
     flaw: Option<&'static str>,
 }
 
 impl SurfaceClosure {
-    /// None so far.
+    /// Creates an empty test.
     pub(crate) fn new(is_exact: bool) -> SurfaceClosure {
         let seed = Seed::new();
         let exact = is_exact.then(|| ExactClosure::new(seed));
         SurfaceClosure { closure: Closure::new(seed), exact, flaw: None }
     }
 
-    /// Adds a face of the octree, which may stand in for exact ones.
+    /// Adds a face of the octree, which may be a proxy.
     pub(crate) fn add(&mut self, face: &Face<'_>, is_proxy: bool) {
         self.closure.add(face);
         if let Some(exact) = self.exact.as_mut().filter(|_| !is_proxy) {
@@ -190,7 +196,8 @@ impl SurfaceClosure {
         }
     }
 
-    /// Takes a face of the octree off another surface that is closed, whose other faces are not added.
+    /// Subtracts a face of the octree. Used to test the change of a closed surface, whose unchanged
+    /// faces are not added.
     pub(crate) fn remove(&mut self, face: &Face<'_>, is_proxy: bool) {
         self.closure.remove(face);
         if let Some(exact) = self.exact.as_mut().filter(|_| !is_proxy) {
@@ -198,17 +205,17 @@ impl SurfaceClosure {
         }
     }
 
-    /// Takes a face with corners beside the grid off such a surface.
+    /// Subtracts a face with off-grid vertices.
     pub(crate) fn remove_exact(&mut self, face: &ExactFace) {
         if let Some(exact) = &mut self.exact {
             exact.remove(|exact| exact.add_exact(face));
         }
     }
 
-    /// Adds a face with corners beside the grid.
+    /// Adds a face with off-grid vertices.
     ///
     /// # Errors
-    /// On interruption.
+    /// On cancellation.
     pub(crate) fn add_exact(&mut self, face: &ExactFace, progress: &dyn Progress) -> Result<()> {
         self.flaw = self.flaw.or(face.flaw(progress)?);
         if let Some(exact) = &mut self.exact {
@@ -217,7 +224,7 @@ impl SurfaceClosure {
         Ok(())
     }
 
-    /// The flaw of the surface, in words, if it is not closed, or some of its exact faces are none.
+    /// Returns a description of the flaw if the surface is not closed, or an exact face is invalid.
     pub(crate) fn flaw(self) -> Option<&'static str> {
         let is_closed = self.closure.is_closed() && self.exact.is_none_or(|exact| exact.is_closed());
         self.flaw.or((!is_closed).then_some("edges that have a face on one side only"))
@@ -252,7 +259,7 @@ mod tests {
         assert_eq!(are_closed(&turned), [false; 2]);
         assert_eq!(are_closed(&tetrahedron[..3]), [false; 2]);
         assert_eq!(are_closed(&[&tetrahedron[..], &tetrahedron[..1]].concat()), [false; 2]);
-        // A vertex on an edge leaves no part of it open.
+        // A vertex on an edge leaves no gap.
         let cut = [[a, c, b], [a, on, d], [on, b, d], [b, c, d], [c, a, d]];
         assert_eq!(are_closed(&cut), [false, true]);
         assert_eq!(are_closed(&[&cut[..], &[[a, b, on]]].concat()), [true; 2]);

@@ -1,4 +1,4 @@
-//! Faces on a model's grid, and whatever can hand them out.
+//! Faces on a model's grid, and sources of faces.
 
 use super::Grid;
 use crate::exact::normal::{newell, ring_normal};
@@ -6,27 +6,28 @@ use crate::exact::vector::{cross, dot};
 use spinney_base::Result;
 use spinney_crs::Crs;
 
-/// A planar face with its holes, in coordinates of the model's grid.
+/// A planar face with its holes, in grid coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face<'a> {
     /// Number of the face in its model, from 0.
     pub number: u64,
-    /// Corners of all rings, the outer ring's first; a ring does not repeat its first corner at its end.
-    /// Counterclockwise seen from outside the solid, holes the other way round. Coordinates are 0 to 2^26 - 1.
+    /// Vertices of all rings, the outer ring first. The first vertex of a ring is not repeated at
+    /// its end. Rings are counterclockwise seen from outside the solid, holes clockwise.
+    /// Coordinates are 0 to 2^26 - 1.
     pub points: &'a [[i32; 3]],
     /// End of each ring in `points`; one entry for a face without holes.
     pub ring_ends: &'a [usize],
-    /// A colour per corner, red, green, blue; nothing where the model has none.
+    /// A colour per vertex: red, green, blue. Empty if the model has no colours.
     pub colours: &'a [[u8; 3]],
-    /// Number of the part that it belongs to: an index into [`Faces::parts`].
+    /// The face's part: an index into [`Faces::parts`].
     pub part: u32,
-    /// Number of the face of the file that the model was built from; several faces have the same where one
-    /// was cut, and numbers are left out where it had faces that cover nothing.
+    /// Number of the face in the file that the model was built from. Fragments of a split face have
+    /// the same number. Numbers are skipped where the file has faces without area.
     pub source: u64,
 }
 
 impl<'a> Face<'a> {
-    /// The rings, the outer one first.
+    /// Returns the rings, the outer one first.
     pub fn rings(&self) -> impl Iterator<Item = &'a [[i32; 3]]> + use<'a> {
         let (points, ends) = (self.points, self.ring_ends);
         (0..ends.len()).map(move |ring| &points[if ring == 0 { 0 } else { ends[ring - 1] }..ends[ring]])
@@ -34,7 +35,7 @@ impl<'a> Face<'a> {
 }
 
 impl Face<'_> {
-    /// The sum of its rings' area vectors: the normal, twice as long as the face is large.
+    /// Returns the sum of the rings' area vectors: the normal, whose length is twice the area.
     pub fn area_vector(&self) -> [f64; 3] {
         let mut sum = [0.0; 3];
         for ring in self.rings() {
@@ -44,14 +45,16 @@ impl Face<'_> {
         sum
     }
 
-    /// Whether it is more than a line.
+    /// Returns whether the face has an area.
     pub fn has_area(&self) -> bool {
         self.rings().next().is_some_and(|ring| ring_normal(ring) != [0; 3])
     }
 
-    /// Six times the volume between the face and the grid's first point, in cubes of steps: of a closed surface these add up to its own.
-    // Invariant: no sum overflows. Coordinates are below 2^26, so that a product of three is below 2^81 for each of less than 2^32 corners of
-    // each of 2^32 faces, and those of all faces that fit into a file are below 2^127.
+    /// Returns six times the signed volume between the face and the grid's first point, in cubed
+    /// grid units. Over a closed surface, these sum to six times its volume.
+    // Invariant: no sum overflows. Coordinates are below 2^26, so a product of three is below 2^81.
+    // A face has less than 2^32 vertices, a model has 2^32 faces, and the sum over all faces that
+    // fit into a file is below 2^127.
     pub fn six_volumes(&self) -> i128 {
         let of_ring = |ring: &[[i32; 3]]| -> i128 {
             let wide = |point: [i32; 3]| point.map(i128::from);
@@ -62,31 +65,31 @@ impl Face<'_> {
     }
 }
 
-/// Faces of a model, which can be read any number of times.
+/// Faces of a model, which can be read repeatedly.
 pub trait Faces {
-    /// The grid that their coordinates are on.
+    /// Returns the grid of the coordinates.
     fn grid(&self) -> &Grid;
 
-    /// Names of the parts (objects, groups, materials); never empty.
+    /// Returns the names of the parts (objects, groups, materials); never empty.
     fn parts(&self) -> &[String];
 
-    /// What is said of a part: a JSON object, as [`Attributes`](crate::Attributes) have them.
+    /// Returns the attributes of a part: a JSON object, as in [`Attributes`](crate::Attributes).
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If they cannot be read.
     fn part_attributes(&self, _part: u32) -> Result<Option<String>> {
         Ok(None)
     }
 
-    /// Number of parts of which something is said.
+    /// Returns the number of parts with attributes.
     ///
     /// # Errors
-    /// If it cannot be read.
+    /// If the attributes cannot be read.
     fn parts_with_attributes(&self) -> Result<u64> {
         Ok(0)
     }
 
-    /// What is said of the files that the model is of, of those that say anything of themselves: JSON objects.
+    /// Returns the metadata of the source files that have any: JSON objects.
     ///
     /// # Errors
     /// If it cannot be read.
@@ -94,7 +97,7 @@ pub trait Faces {
         Ok(Vec::new())
     }
 
-    /// Names of the columns of values of faces.
+    /// Returns the names of the columns of face values.
     ///
     /// # Errors
     /// If they cannot be read.
@@ -102,55 +105,56 @@ pub trait Faces {
         Ok(Vec::new())
     }
 
-    /// The coordinate system of the world, where known.
+    /// Returns the coordinate reference system of the world, if known.
     fn crs(&self) -> Option<&Crs> {
         None
     }
 
-    /// The unit of length of the world, where known: "mm".
+    /// Returns the unit of length of the world, if known: "mm".
     fn unit(&self) -> Option<&str> {
         None
     }
 
-    /// Whether what is far away belongs to the body: its faces then bound what does not.
+    /// Returns whether the body extends to infinity; its faces then bound the cavities.
     fn is_unbounded(&self) -> bool {
         false
     }
 
-    /// Volume of the body less that of the faces, in cubes of the grid's step: models may keep corners beside the
-    /// grid, which faces stand in for.
+    /// Returns the volume of the body minus that of the faces, in cubed grid units. It is nonzero
+    /// if the model has off-grid vertices, whose faces are represented by proxies.
     ///
     /// # Errors
+    /// If the exact faces cannot be read.
     /// If they cannot be read.
     fn volume_beside(&self) -> Result<f64> {
         Ok(0.0)
     }
 
-    /// Number of faces.
+    /// Returns the number of faces.
     fn len(&self) -> u64;
 
-    /// Whether there are none.
+    /// Returns whether there are no faces.
     fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Reads all faces in the order of their numbers, and hands them out one by one.
+    /// Visits all faces in the order of their numbers.
     ///
     /// # Errors
-    /// If they cannot be read, or what `each` returns.
+    /// If the faces cannot be read, or what `each` returns.
     fn each(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()>;
 
-    /// Reads all faces as [`Faces::each`] does, and hands out each with its values in some columns, JSON texts.
+    /// Visits all faces as [`Faces::each`] does, each with its values of some columns as JSON.
     ///
     /// # Errors
-    /// If they cannot be read, or what `each` returns.
+    /// If the faces or values cannot be read, or what `each` returns.
     fn each_with_values(&self, columns: &[&str], each: &mut AttributedFaceVisitor<'_>) -> Result<()> {
         let none = vec![None; columns.len()];
         self.each(&mut |face| each(face, &none))
     }
 }
 
-/// Takes a face with its values in some columns.
+/// Receives a face with its values of some columns.
 pub type AttributedFaceVisitor<'a> = dyn FnMut(&Face<'_>, &[Option<String>]) -> Result<()> + 'a;
 
 /// Faces in memory.
@@ -161,12 +165,12 @@ pub struct FaceList {
     points: Vec<[i32; 3]>,
     colours: Vec<[u8; 3]>,
     ring_ends: Vec<usize>,
-    /// Of each face: the ends of its rings and corners in the lists, its part and its source.
+    /// For each face: end of its rings and end of its vertices in the lists, part and source.
     faces: Vec<(usize, usize, u32, u64)>,
 }
 
 impl FaceList {
-    /// An empty list.
+    /// Creates an empty list.
     pub fn new(grid: Grid, parts: Vec<String>) -> FaceList {
         FaceList {
             grid,
@@ -178,10 +182,10 @@ impl FaceList {
         }
     }
 
-    /// Takes all faces of a model to memory.
+    /// Reads all faces of a model into memory.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the faces cannot be read.
     pub fn of(faces: &dyn Faces) -> Result<FaceList> {
         let mut list = FaceList::new(faces.grid().clone(), faces.parts().to_vec());
         faces.each(&mut |face| {
@@ -191,7 +195,8 @@ impl FaceList {
         Ok(list)
     }
 
-    /// Appends a face, whose number is that of its place in the list; all faces have colours or none.
+    /// Appends a face. Its number becomes its index in the list. Either all faces have colours, or
+    /// none.
     pub fn push(&mut self, face: &Face<'_>) {
         self.points.extend_from_slice(face.points);
         self.colours.extend_from_slice(face.colours);
@@ -199,12 +204,12 @@ impl FaceList {
         self.faces.push((self.ring_ends.len(), self.points.len(), face.part, face.source));
     }
 
-    /// Whether faces have colours.
+    /// Returns whether faces have colours.
     pub fn is_coloured(&self) -> bool {
         !self.colours.is_empty()
     }
 
-    /// Bytes of memory that the faces take.
+    /// Returns the bytes of memory that the faces take.
     pub fn bytes(&self) -> u64 {
         let FaceList { points, colours, ring_ends, faces, .. } = self;
         (size_of_val(&points[..])
@@ -213,7 +218,7 @@ impl FaceList {
             + size_of_val(&faces[..])) as u64
     }
 
-    /// The face with a number below the length.
+    /// Returns the face at an index below the length.
     pub fn get(&self, number: usize) -> Face<'_> {
         let (rings, points, part, source) = self.faces[number];
         let (first_ring, first_point) = match number {

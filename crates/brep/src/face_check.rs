@@ -1,20 +1,20 @@
-//! What a single face has to be: planar, with an outer ring and holes inside of it that do not cross.
+//! Validity of a single face: planar, with an outer ring and holes inside of it that do not cross.
 
 use crate::Face;
 use crate::exact::bounds::NORMAL_BITS;
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 
-/// Checks faces one by one; keeps its buffers from face to face.
+/// Checks faces one by one, and keeps its buffers between faces.
 pub(crate) struct FaceCheck {
-    /// Of the grid's coordinates.
+    /// Bits of the grid's coordinates.
     bits: u8,
     triangulator: Triangulator,
     wide: Vec<[i64; 3]>,
     triangles: Vec<[u32; 3]>,
 }
 
-/// What is wrong with a face, in words.
+/// A description of a face's flaw.
 #[derive(Debug)]
 pub(crate) struct FaceFlaw {
     pub(crate) found: String,
@@ -26,7 +26,8 @@ impl FaceCheck {
         FaceCheck { bits, triangulator: Triangulator::new(), wide: Vec::new(), triangles: Vec::new() }
     }
 
-    /// Whether a face has an area; one that has none bounds nothing, and may have any shape.
+    /// Checks a face, and returns whether it has an area. A face without area bounds nothing, and
+    /// may have any shape.
     pub(crate) fn has_area(&mut self, face: &Face<'_>) -> Result<bool, FaceFlaw> {
         let wrong = |found: String, expected: &'static str| Err(FaceFlaw { found, expected });
         let outside = |at: &[i32; 3]| at.iter().any(|at| (*at as u32) >> self.bits != 0);
@@ -48,7 +49,7 @@ impl FaceCheck {
         if normal == [0; 3] || face.points.len() == 3 {
             return Ok(normal != [0; 3]);
         }
-        // (Whatever is decided about planes has room for no more.)
+        // (Predicates on planes need normals within this many bits.)
         if normal.iter().any(|part| part.unsigned_abs() >> NORMAL_BITS != 0) {
             return wrong("a ring of more than eight turns".into(), "rings that do not cross");
         }

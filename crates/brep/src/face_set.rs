@@ -1,15 +1,15 @@
-//! Sets of the faces of a model, a bit for each.
+//! Sets of a model's faces, as bit sets.
 
-/// A set of faces, by their numbers.
+/// A set of face numbers.
 pub(crate) struct FaceSet(Vec<u64>);
 
 impl FaceSet {
-    /// Nothing of so many faces.
+    /// Creates an empty set for face numbers below `count`.
     pub(crate) fn new(count: u64) -> FaceSet {
         FaceSet(vec![0; count.div_ceil(64) as usize])
     }
 
-    /// Puts a face into the set, or takes it out.
+    /// Adds a face to the set, or removes it.
     pub(crate) fn set(&mut self, number: u64, is_in: bool) {
         if let Some(word) = self.0.get_mut((number / 64) as usize) {
             let bit = 1 << (number % 64);
@@ -21,7 +21,7 @@ impl FaceSet {
         self.0.get((number / 64) as usize).is_some_and(|word| word >> (number % 64) & 1 == 1)
     }
 
-    /// The numbers in the set, ascending.
+    /// Returns the numbers in the set, ascending.
     pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> {
         let of_word = |(index, word): (u32, &u64)| {
             let word = *word;
@@ -31,15 +31,15 @@ impl FaceSet {
     }
 }
 
-/// Numbers of the faces of a set, in their order.
+/// Consecutive new numbers for the faces of a set, in their order.
 pub(crate) struct Renumbering {
     set: FaceSet,
-    /// How many are before each 64.
+    /// Number of faces before each word of 64.
     before: Vec<u32>,
 }
 
 impl Renumbering {
-    /// The numbers from 0 on.
+    /// Numbers the faces of a set from 0.
     pub(crate) fn of(set: FaceSet) -> Renumbering {
         let before = set.0.iter().scan(0, |sum, word| {
             let before = *sum;
@@ -50,13 +50,13 @@ impl Renumbering {
         Renumbering { set, before }
     }
 
-    /// How many faces have one.
+    /// Returns the number of faces in the set.
     pub(crate) fn len(&self) -> u32 {
         let last = self.set.0.last().map_or(0, |word| word.count_ones());
         self.before.last().map_or(0, |before| before + last)
     }
 
-    /// The new number of a face; `None` of one that is not in the set.
+    /// Returns the new number of a face, or `None` if it is not in the set.
     pub(crate) fn number(&self, face: u64) -> Option<u32> {
         let word = self.set.0.get((face / 64) as usize)?;
         let below = word & ((1 << (face % 64)) - 1);

@@ -1,66 +1,68 @@
-//! The integer grid of a model: where its points lie in the world.
+//! The integer grid of a model, and its position in the world.
 
 use crate::exact::bounds::MAX_BITS;
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame};
 
-/// A grid of points at multiples of a step in the world: a point's coordinates count from the least ones that
-/// the model has.
+/// A grid of points at multiples of a step in the world. Coordinates count from the model's minimum
+/// coordinates.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
-    /// Bits of a coordinate: all are below `2^bits`.
+    /// Bits of a coordinate: all coordinates are below `2^bits`.
     pub bits: u8,
-    /// The point 0, 0, 0, in steps from the world's origin.
+    /// World position of the point 0, 0, 0, in steps from the world's origin.
     pub origin: [i64; 3],
-    /// The step is this number by the next one: 1 / 1000 gives decimals that are exact to the last bit of a
-    /// double, where 0.001 would not.
+    /// The step is `step / divisor`. A step of 1 / 1000 gives decimals that are exact to the last
+    /// bit of a double; 0.001 would not.
     pub step: f64,
     /// Divisor of the step.
     pub divisor: f64,
 }
 
 impl Grid {
-    /// The width of a step in the world.
+    /// Returns the width of a grid unit in the world.
     pub fn width(&self) -> f64 {
         self.step / self.divisor
     }
 
-    /// Levels of the octree over the grid: its smallest cells have one point, or as few as FD codes allow.
+    /// Returns the depth of the octree over the grid. Its smallest cells have one point, or the
+    /// minimum number that FD codes allow.
     pub fn depth(&self) -> u8 {
         self.bits.min(Dimension::Oct.max_depth())
     }
 
-    /// A grid point in the world: the double nearest to it where the step is a power of two or a decimal
-    /// fraction.
+    /// Returns the world position of a grid point. It is the nearest double if the step is a power
+    /// of two or a decimal fraction.
     #[inline]
     pub fn to_world(&self, point: [i32; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.coordinate(self.origin[axis] + i64::from(point[axis])))
     }
 
-    /// A point between those of the grid, in the world.
+    /// Returns the world position of an off-grid point.
     pub(crate) fn to_world_between(&self, point: [f64; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| (self.origin[axis] as f64 + point[axis]) * self.step / self.divisor)
     }
 
-    /// The world coordinate of a number of steps.
+    /// Returns the world coordinate of a number of steps.
     #[inline]
     fn coordinate(&self, steps: i64) -> f64 {
         steps as f64 * self.step / self.divisor
     }
 
-    /// A point of the world in steps from the grid's point 0, 0, 0, not rounded.
+    /// Converts a world point to grid coordinates, without rounding.
     pub fn to_grid(&self, point: [f64; 3]) -> [f64; 3] {
         [0, 1, 2].map(|axis| point[axis] * self.divisor / self.step - self.origin[axis] as f64)
     }
 
-    /// The grid point nearest to a point of the world; `None` if it is outside.
+    /// Returns the grid point nearest to a world point, or `None` if it is outside of the grid.
     #[inline]
     pub fn snap(&self, point: [f64; 3]) -> Option<[i32; 3]> {
         let mut snapped = [0; 3];
         for axis in 0..3 {
             let steps = (point[axis] * self.divisor / self.step).round_ties_even();
-            // (Beyond 2^53 doubles are not next to each other, and the difference is far out anyway.)
+            // (Above 2^53, doubles skip integers, but such positions are outside of the grid
+            // anyway.)
             let at = steps - self.origin[axis] as f64;
             if !(0.0..(1u64 << self.bits) as f64).contains(&at) {
                 return None;
@@ -70,26 +72,27 @@ impl Grid {
         Some(snapped)
     }
 
-    /// How many steps of a finer grid one of this grid has; `None` if that is no whole number.
+    /// Returns the number of steps of a finer grid per step of this grid, or `None` if it is not an
+    /// integer.
     pub(crate) fn steps_of(&self, finer: &Grid) -> Option<i64> {
-        // (Factors in common, such as those of arbitrary numbers, leave no rounded products.)
+        // (Common factors are cancelled first: products of arbitrary numbers would be rounded.)
         let (step, finer_step) = if self.step == finer.step { (1.0, 1.0) } else { (self.step, finer.step) };
         let (divisor, finer_divisor) =
             if self.divisor == finer.divisor { (1.0, 1.0) } else { (self.divisor, finer.divisor) };
         let (own, its) = (step * finer_divisor, finer_step * divisor);
         let times = (own / its).round();
-        // (Products that are rounded cannot be compared.)
+        // (Rounded products cannot be compared.)
         let is_exact = step.mul_add(finer_divisor, -own) == 0.0
             && finer_step.mul_add(divisor, -its) == 0.0
             && times.mul_add(its, -own) == 0.0;
         (is_exact && (1.0..=(1u64 << MAX_BITS) as f64).contains(&times)).then_some(times as i64)
     }
 
-    /// The frame of the smallest cells of an octree over the grid.
+    /// Returns the frame of the smallest cells of an octree over the grid.
     pub fn frame(&self, crs: Option<Crs>) -> Frame {
         let mut frame = Frame { crs, ..Frame::identity() };
         let steps = (1u64 << (self.bits - self.depth())) as f64;
-        // Walls of cells lie in the middle between points of the grid.
+        // Cell walls are halfway between grid points.
         let corner = self.to_world_between([-0.5; 3]);
         for (axis, row) in frame.matrix.iter_mut().enumerate() {
             row[axis] = steps * self.width();
@@ -98,15 +101,15 @@ impl Grid {
         frame
     }
 
-    /// A grid over a box, from its least to its greatest coordinates.
+    /// Creates a grid over a box, which is given by its minimum and maximum coordinates.
     ///
-    /// Without a width it is the least power of two with which the box has at most about `2^24` units along its longest side, a
-    /// quarter of what a grid can have: coordinates with few bits then stay as they are, and models up to four times as
-    /// large as the smallest one share a grid without rounding. A width that is the
-    /// reciprocal of a whole number counts as such.
+    /// Without a width, the step is the smallest power of two with which the box has at most about
+    /// `2^24` units along its longest side, a quarter of a grid's maximum. Coordinates with few
+    /// bits are then exact, and models of up to four times the smallest one's size can share a grid
+    /// without rounding. A width that is the reciprocal of an integer is stored as a fraction.
     ///
     /// # Errors
-    /// If a width is given that is no positive number, or is too small for the box.
+    /// If the given width is not a positive number, or is too small for the box.
     pub fn over(bounds: [[f64; 3]; 2], width: Option<f64>) -> Result<Grid> {
         if let Some(width) = width {
             if !(width.is_normal() && width > 0.0) {
@@ -130,17 +133,19 @@ impl Grid {
         Ok(Grid::least(bounds))
     }
 
-    /// The grid of the least power of two over a box.
+    /// Returns the grid with the smallest power of two over a box.
     fn least(bounds: [[f64; 3]; 2]) -> Grid {
-        /// Most steps along a side. A box whose points were moved to the grid should have the same grid, and so
-        /// should not lie on the limit: this is no number that comes of lengths that people choose.
+        /// Maximum number of steps along a side. A box whose points were snapped should get the
+        /// same grid again, and so should not be at the limit. Hence a number that does not result
+        /// from lengths that people choose.
         const MAX_STEPS: f64 = 15_707_963.0;
-        /// Least width of a step: coordinates of steps that are as small are no denormal numbers, which have fewer bits.
+        /// Minimum width of a step: coordinates would otherwise be denormal numbers, which have
+        /// fewer bits.
         const MIN_STEP: f64 = 1e-290;
         let [min, max] = bounds;
         let half = (0..3).map(|axis| max[axis] / 2.0 - min[axis] / 2.0).fold(0.0, f64::max);
         let farthest = min.iter().chain(&max).fold(0.0, |most: f64, at| most.max(at.abs()));
-        // No finer than doubles are.
+        // The step is no finer than the spacing of doubles.
         let least =
             (half / (1u64 << (MAX_BITS - 3)) as f64).max(farthest / (1u64 << 52) as f64).max(MIN_STEP);
         let mut step = f64::from_bits(least.to_bits() & 0x7ff0_0000_0000_0000);
@@ -153,10 +158,10 @@ impl Grid {
         }
     }
 
-    /// The grid of a step over a box, if it has few enough points.
+    /// Returns the grid of a step over a box, or `None` if it would have too many points.
     pub(crate) fn fit([min, max]: [[f64; 3]; 2], step: f64, divisor: f64) -> Option<Grid> {
         let steps = |at: f64| (at * divisor / step).round_ties_even();
-        // Whole numbers up to here are doubles.
+        // Integers up to this limit are exact doubles.
         let exact = (1u64 << 53) as f64;
         let mut origin = [0; 3];
         let mut most = 0;
@@ -199,7 +204,7 @@ mod tests {
         assert!(Grid::over([[0.0; 3], [1.0; 3]], Some(0.0)).is_err());
     }
 
-    /// The box of points that were moved to a grid has the same grid.
+    /// The box of snapped points has the same grid.
     #[test]
     fn the_grid_of_what_was_moved_is_the_same() {
         let mut state = 1u64;
@@ -210,7 +215,7 @@ mod tests {
         for round in 0..20_000 {
             let extent = match round % 3 {
                 0 => random() * 10.0,
-                // About as long as a power of two.
+                // Almost a power of two in length.
                 1 => 1.0 + (random() - 0.5) * 1e-7,
                 _ => 1.0 - random() / (1u64 << 24) as f64,
             };

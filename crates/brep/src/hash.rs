@@ -1,4 +1,5 @@
-//! A fast hash for points, which nobody outside can make slow: they are put into small tables only.
+//! A fast hash for points. It does not resist collisions from untrusted input, so it is used for
+//! small tables only.
 
 use std::hash::BuildHasherDefault;
 

@@ -1,4 +1,4 @@
-//! Exact models: boundary representations on an integer grid, kept as they are and not as cells.
+//! Exact models: boundary representations on an integer grid, stored as faces and not as cells.
 
 mod arrangement;
 pub mod attributes;

@@ -1,4 +1,4 @@
-//! Objects whose bodies overlap or touch: pairs of parts of a model, each of which is a body by itself.
+//! Objects that overlap or touch: pairs of a model's parts, each of which is a solid by itself.
 
 use std::ops::Range;
 use std::path::Path;
@@ -12,23 +12,23 @@ use crate::surface_intersection::areas;
 use crate::{ExactModel, FaceList, Faces};
 use spinney_base::{Error, Progress, Result, SilentProgress, parallel, sort};
 
-/// The way in which two bodies have places in common.
+/// The spatial relation of two bodies that share points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ContactKind {
-    /// Their surfaces have points in common, and nothing is inside of both.
+    /// Their surfaces share points, and their interiors are disjoint.
     Touch,
-    /// A part of each is inside of the other one.
+    /// Their interiors overlap, and neither contains the other.
     Overlap,
-    /// All of the second one is inside of the first one.
+    /// The first body contains the second one.
     Contains,
-    /// All of the first one is inside of the second one.
+    /// The second body contains the first one.
     Within,
-    /// They are the same.
+    /// The bodies are equal.
     Equal,
 }
 
 impl ContactKind {
-    /// Its name: "touch".
+    /// Returns the kind's name: "touch".
     pub fn name(self) -> &'static str {
         match self {
             ContactKind::Touch => "touch",
@@ -40,33 +40,35 @@ impl ContactKind {
     }
 }
 
-/// Two objects that have places in common.
+/// Two objects that share points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct ObjectContact {
-    /// Numbers of their parts, the lesser one first.
+    /// Numbers of their parts, the smaller one first.
     pub parts: [u32; 2],
-    /// The way in which they have them in common.
+    /// The relation of the first object to the second one.
     pub kind: ContactKind,
-    /// Volume of what is inside of both, in cubes of the unit; 0 where they touch.
+    /// Volume of the intersection, in cubed units; 0 if they touch.
     pub volume: f64,
-    /// Area in which surfaces that touch lie on each other, in squares of the unit; 0 where something is inside of both.
+    /// Area in which touching surfaces coincide, in squared units; 0 if the interiors overlap.
     pub area: f64,
-    /// A place that both have, in the world.
+    /// A common point, in world coordinates.
     pub place: [f64; 3],
 }
 
-/// Takes a pair of objects; says whether to go on.
+/// Receives a pair of objects, and returns whether to continue.
 pub type ContactVisitor<'a> = dyn FnMut(&ObjectContact) -> Result<bool> + 'a;
 
-/// Hands out the pairs of parts that overlap or touch, by their numbers, until there are enough. Returns the parts that are not closed for
-/// themselves, which are left out with a warning. A part may pass through itself, or be inside out: inside is what it goes around any number of times but 0.
+/// Visits the pairs of parts that overlap or touch, ordered by their numbers, until `each` returns
+/// `false`. Returns the parts that are not closed by themselves, which are skipped with a warning.
+/// A part may intersect itself or be inside out: its inside is where its winding number is not 0.
 ///
-/// All faces are in memory, and those of a pair once more, with about a kilobyte for each pair of faces that have points in common. `path` is a model's, for
-/// errors. What is found depends on no number of threads.
+/// All faces are in memory. A pair's faces are copied, and each pair of faces that share points
+/// takes about a kilobyte more. `path` is the model's, for errors. The results do not depend on the
+/// number of threads.
 ///
 /// # Errors
-/// If `memory` bytes are not enough, on interruption, or what `each` returns.
+/// If `memory` bytes are not enough, on cancellation, or what `each` returns.
 pub fn object_contacts(
     faces: FaceList,
     path: &Path,
@@ -78,10 +80,12 @@ pub fn object_contacts(
 }
 
 impl ExactModel {
-    /// Hands out the pairs of parts that touch, as [`object_contacts`] does. (Parts of a model do not overlap, or it would be none.)
+    /// Visits the pairs of parts that touch, as [`object_contacts`] does. (Parts of a valid model
+    /// do not overlap.)
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, if the file cannot be read or is damaged, on interruption, or what `each` returns.
+    /// If `memory` bytes are not enough, if the file cannot be read or is corrupt, on cancellation,
+    /// or what `each` returns.
     pub fn object_contacts(
         &self,
         memory: u64,
@@ -122,12 +126,12 @@ fn too_large(path: &Path, needed: u64, limit: u64) -> Error {
     }
 }
 
-/// Faces of the objects, one behind the other.
+/// Faces of the objects, grouped by object.
 struct Bodies<'a> {
     faces: &'a ExactFaces,
-    /// Numbers of the faces, those of an object together.
+    /// Face numbers, sorted by object.
     order: Vec<u32>,
-    /// Those that are closed.
+    /// Closed objects.
     list: Vec<Body>,
     path: &'a Path,
     memory: u64,
@@ -135,7 +139,7 @@ struct Bodies<'a> {
 
 struct Body {
     part: u32,
-    /// Its faces, by their places in the order.
+    /// Its faces: a range of indices in the order.
     faces: Range<usize>,
     bounds: Bounds,
 }
@@ -147,7 +151,7 @@ fn contacts_of(
     progress: &dyn Progress,
     each: &mut ContactVisitor<'_>,
 ) -> Result<Vec<u32>> {
-    /// Pairs that are looked at together.
+    /// Number of pairs per parallel batch.
     const BATCH: usize = 1 << 10;
     let memory = memory / 2 / parallel::threads() as u64;
     let (bodies, open) = Bodies::of(faces, path, memory, progress)?;
@@ -188,9 +192,9 @@ fn contacts_of(
     Ok(open)
 }
 
-/// Warns of objects that are open.
+/// Warns of open objects.
 fn tell_open(faces: &ExactFaces, open: &[u32], path: &Path, progress: &dyn Progress) {
-    /// Names that are told.
+    /// Maximum number of names in the warning.
     const MOST: usize = 5;
     if open.is_empty() {
         return;
@@ -205,7 +209,7 @@ fn tell_open(faces: &ExactFaces, open: &[u32], path: &Path, progress: &dyn Progr
 }
 
 impl Bodies<'_> {
-    /// The objects that are closed, and the parts of the others.
+    /// Returns the closed objects, and the parts of the open ones.
     fn of<'a>(
         faces: &'a ExactFaces,
         path: &'a Path,
@@ -243,7 +247,7 @@ impl Bodies<'_> {
         Ok((Bodies { faces, order, list, path, memory }, open))
     }
 
-    /// Places that two objects have in common, if there are any.
+    /// Returns the contact of two objects, if they share points.
     fn contact(&self, pair: [u32; 2], progress: &dyn Progress) -> Result<Option<ObjectContact>> {
         let bodies = pair.map(|number| &self.list[number as usize]);
         let mut faces = ExactFaces::of_grid(FaceList::new(self.faces.list.grid().clone(), Vec::new()));
@@ -291,7 +295,7 @@ impl Bodies<'_> {
         let points = contacts.iter().flat_map(|contact| {
             contact.points.iter().chain(contact.segments.as_flattened()).map(|point| point.to_world(&grid))
         });
-        // (The first one, in an order that nothing else decides.)
+        // (The minimum, so that the result is deterministic.)
         let Some(place) = points.min_by(|a, b| a.partial_cmp(b).unwrap_or(std::cmp::Ordering::Equal)) else {
             return Ok(None);
         };
@@ -301,7 +305,7 @@ impl Bodies<'_> {
     }
 }
 
-/// A corner of what is inside of some faces, of those that have an area.
+/// Returns a vertex of the first face that has an area.
 fn place_of(faces: &ExactFaces) -> Option<[i32; 3]> {
     let has_area = |number: &u32| {
         let face = faces.list.get(*number as usize);

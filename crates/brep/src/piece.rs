@@ -1,11 +1,11 @@
-//! Triangles that faces are cut into.
+//! Triangles of faces.
 
 use std::collections::HashSet;
 
 use crate::exact::normal::ring_normal;
 use crate::geometry::Triangulator;
 
-/// A triangle, and which of its edges are no edges of the face that it was cut from.
+/// A triangle, with a flag for each edge that is not an edge of the original face.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Piece {
     pub(super) corners: [[i32; 3]; 3],
@@ -13,12 +13,12 @@ pub(super) struct Piece {
 }
 
 impl Piece {
-    /// A face that is a triangle.
+    /// Wraps a face that is a triangle.
     pub(super) fn of_triangle(corners: [[i32; 3]; 3]) -> Piece {
         Piece { corners, internal: [false; 3] }
     }
 
-    /// The triangles of a face, without those that have no area.
+    /// Returns the triangles of a face, without those that have no area.
     pub(super) fn of_face(
         points: &[[i32; 3]],
         ring_ends: &[usize],
@@ -27,7 +27,7 @@ impl Piece {
         let wide: Vec<[i64; 3]> = points.iter().map(|point| point.map(i64::from)).collect();
         let mut cut = Vec::new();
         triangulator.triangulate(&wide, ring_ends, &mut cut);
-        // Edges that lead both ways are those along which the face was cut.
+        // Edges that occur in both directions are diagonals of the triangulation.
         let edges: HashSet<[u32; 2]> = cut.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]).collect();
         let piece = |&[a, b, c]: &[u32; 3]| Piece {
             corners: [a, b, c].map(|corner| points[corner as usize]),

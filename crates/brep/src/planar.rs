@@ -1,4 +1,5 @@
-//! Faces whose corners are on the grid, but may not lie in one plane, or fall together: as planar faces.
+//! Conversion of faces with vertices on the grid, but not in one plane or partly coincident, to
+//! planar faces.
 
 use super::Face;
 use crate::exact::normal::ring_normal;
@@ -6,27 +7,27 @@ use crate::exact::vector::{dot, subtract};
 use crate::geometry::{Triangulator, split_bridges};
 use spinney_base::{Result, sort};
 
-/// Counts of what was done to the faces so far.
+/// Statistics of the conversion.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PlanarCounts {
-    /// Faces that were handed out.
+    /// Faces of the output.
     pub faces: u64,
-    /// Faces that were left out: points, or lines whose edges cancel.
+    /// Faces that were dropped: points, or lines whose edges cancel.
     pub collapsed: u64,
-    /// Faces without an area that keep their neighbours together.
+    /// Faces without an area that were kept, since they connect their neighbours.
     pub slivers: u64,
-    /// Faces that were cut into triangles, since their corners do not lie in one plane.
+    /// Faces that were triangulated, since their vertices are not in one plane.
     pub cut: u64,
-    /// Faces that were cut into fans of triangles, since their rings cross.
+    /// Faces that were split into triangle fans, since their rings cross.
     pub fanned: u64,
 }
 
-/// Makes faces planar; keeps its buffers from face to face.
+/// Makes faces planar, and keeps its buffers between faces.
 #[derive(Default)]
 pub struct PlanarFaces {
-    /// Whether corners have colours.
+    /// Whether vertices have colours.
     pub is_coloured: bool,
-    /// Counts of what was done to faces.
+    /// Statistics of the faces so far.
     pub counts: PlanarCounts,
     points: Vec<[i32; 3]>,
     colours: Vec<[u8; 3]>,
@@ -36,13 +37,14 @@ pub struct PlanarFaces {
 }
 
 impl PlanarFaces {
-    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    /// Visits the planar faces that replace a face: itself, some triangles, or none.
     pub fn face(&mut self, face: &Face<'_>, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
         self.begin(face.ring_ends, face.colours, &mut |corner| Ok(face.points[corner]))?;
         self.finish(face.part, face.source, each)
     }
 
-    /// Begins a face of rings with these ends, whose corners `place` puts on the grid, each by its number.
+    /// Begins a face of rings with these ends. `place` returns each vertex's grid point by its
+    /// index.
     ///
     /// # Errors
     /// Those of `place`.
@@ -69,7 +71,7 @@ impl PlanarFaces {
         Ok(())
     }
 
-    /// Hands out what becomes of the face that was begun.
+    /// Visits the planar faces that replace the face that was begun.
     pub fn finish(
         &mut self,
         part: u32,
@@ -107,7 +109,7 @@ impl PlanarFaces {
             dot(normal.map(i128::from), along) == 0
         });
         let mut triangles = Vec::new();
-        // (A ring that crosses itself may have as much area turned one way as the other.)
+        // (A self-crossing ring may have equal areas of both orientations.)
         let has_area = normal != [0; 3];
         if has_area && self.triangulator.triangulate(&self.wide, &self.ring_ends, &mut triangles) {
             if is_planar {
@@ -115,7 +117,7 @@ impl PlanarFaces {
             }
             self.counts.cut += 1;
         } else {
-            // Fans have the face's boundary, so that what is closed stays so.
+            // Fans have the same boundary as the face, so a closed surface stays closed.
             self.counts.fanned += 1;
             let mut start = 0;
             for end in self.ring_ends.iter().map(|end| *end as u32) {
@@ -153,7 +155,7 @@ impl PlanarFaces {
         each(&Face { number, points, ring_ends, colours, part, source })
     }
 
-    /// Adds a corner to the ring that began at a place, unless it is where the one before is.
+    /// Adds a vertex to the ring that began at `ring_start`, unless it equals the last one.
     fn add_corner(&mut self, ring_start: usize, point: [i32; 3], colour: Option<&[u8; 3]>) {
         if self.points.len() > ring_start && self.points.last() == Some(&point) {
             return;
@@ -164,8 +166,8 @@ impl PlanarFaces {
         }
     }
 
-    /// Ends the ring that began at a place, and leaves it out if it has fewer than three corners; says whether there is an
-    /// outer ring now.
+    /// Ends the ring that began at `start`, and drops it if it has fewer than three vertices.
+    /// Returns whether there is an outer ring.
     fn end_ring(&mut self, start: usize) -> bool {
         while self.points.len() > start + 1 && self.points.last() == Some(&self.points[start]) {
             self.points.pop();
@@ -179,14 +181,15 @@ impl PlanarFaces {
         !self.ring_ends.is_empty()
     }
 
-    /// Whether all corners lie on one line.
+    /// Returns whether all vertices are on one line.
     fn is_on_a_line(&self) -> bool {
         let first = self.points[0];
         let Some(other) = self.points.iter().find(|point| **point != first) else { return true };
         self.points.iter().all(|point| ring_normal(&[first, *other, *point]) == [0; 3])
     }
 
-    /// Whether every edge is there in both directions: the face is a line, and nothing is lost without it.
+    /// Returns whether every edge occurs in both directions: the face is then a line, and can be
+    /// dropped.
     fn edges_cancel(&self) -> bool {
         let mut edges = Vec::with_capacity(self.points.len());
         let mut start = 0;
@@ -201,7 +204,7 @@ impl PlanarFaces {
         edges == turned
     }
 
-    /// Takes bridges out of a ring, with which formats that know no holes join them to it.
+    /// Removes the bridges by which formats without holes join them to the outer ring.
     fn split_bridges(&mut self) {
         let rings = split_bridges(&self.wide);
         if rings.len() < 2 {
@@ -220,7 +223,7 @@ impl PlanarFaces {
         }
     }
 
-    /// Makes holes turn the other way than the outer ring.
+    /// Orients holes opposite to the outer ring.
     fn turn_holes(&mut self, normal: [i64; 3]) {
         for ring in 1..self.ring_ends.len() {
             let (start, end) = (self.ring_ends[ring - 1], self.ring_ends[ring]);

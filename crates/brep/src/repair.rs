@@ -1,5 +1,6 @@
-//! Repair of surfaces that pass through themselves, lie on themselves, or are inside out in part: they are divided where they meet, and
-//! what bounds the places that a rule takes as inside stays.
+//! Repair of surfaces that intersect or overlap themselves, or are partly inside out. Faces are
+//! split along their intersections. Faces remain if they bound the inside, which a rule on winding
+//! numbers defines.
 
 use std::path::Path;
 
@@ -8,10 +9,10 @@ use crate::closure::SurfaceClosure;
 use crate::{FaceList, Faces, ModelBuilder};
 use spinney_base::{Error, Progress, Result, SubProgress};
 
-/// Rule that tells from the winding number of a surface around a place whether that is inside.
+/// Rule that decides from a surface's winding number around a point whether the point is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum InsideRule {
-    /// Any number but 0, as cells have it.
+    /// Any number but 0; cells use this rule.
     #[default]
     Nonzero,
     /// Numbers above 0.
@@ -21,7 +22,7 @@ pub enum InsideRule {
 }
 
 impl InsideRule {
-    /// The rule's name: "nonzero".
+    /// Returns the rule's name: "nonzero".
     pub fn name(self) -> &'static str {
         match self {
             InsideRule::Nonzero => "nonzero",
@@ -49,67 +50,75 @@ impl std::str::FromStr for InsideRule {
     }
 }
 
-/// Counts of the repair of a surface.
+/// Statistics of a surface's repair.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Repair {
-    /// Faces of the surface that was repaired.
+    /// Faces of the input surface.
     pub faces: u64,
-    /// Bodies that were inside out, and were turned with what is inside of them; and the faces of both.
+    /// Bodies that were inside out and were reversed together with their contents; and the faces of
+    /// both.
     pub turned: (u64, u64),
-    /// Pairs of faces that had more in common than neighbours have.
+    /// Pairs of faces that intersect in more than the common boundary of neighbours.
     pub pairs: u64,
-    /// Faces of which parts were taken away, or that were divided.
+    /// Faces that were split, or partly removed.
     pub divided: u64,
-    /// Faces that were taken away as a whole.
+    /// Faces that were removed entirely.
     pub removed: u64,
-    /// Those of them that have nothing inside on either of their sides.
+    /// Removed faces that have the outside on both sides.
     pub outside: u64,
-    /// Their share of the surface's area: at most a half, as a surface that loses more is refused.
+    /// Their share of the surface's area. It is at most a half: a surface that would lose more is
+    /// rejected.
     pub outside_share: f64,
-    /// The volume of the surface as it came, with bodies turned: what it goes around twice counts twice. In cubes of the models' unit.
+    /// Volume of the input surface after bodies were reversed, in cubed units of the models.
+    /// Regions with winding number 2 count twice.
     pub volume_before: f64,
-    /// The volume of what is inside, in cubes of the models' unit.
+    /// Volume of the result, in cubed units of the models.
     pub volume: f64,
-    /// The volume that cells have inside, whose rule is `nonzero`.
+    /// Volume that cells would have, whose rule is `nonzero`.
     pub cells_volume: f64,
-    /// The furthest that a new vertex is from the point of the grid that stands for it, in the models' unit. (The vertex itself is exact.)
+    /// Maximum distance between a new vertex and the grid point that represents it, in the models'
+    /// unit. (The vertex itself is exact.)
     pub displacement: f64,
 }
 
 impl Repair {
-    /// Whether nothing was to be done.
+    /// Returns whether the surface needed no repair.
     pub fn is_nothing(&self) -> bool {
         self.turned.0 + self.divided + self.removed == 0
     }
 }
 
-/// Share of a surface's area, or of the volume that cells have, that may be lost.
+/// Maximum share of a surface's area, or of the cells' volume, that a repair may lose.
 const MAX_LOST: f64 = 0.5;
 
-/// Share of the surface, or of the volume, whose change users are warned of.
+/// Minimum share of the surface or the volume whose change causes a warning.
 const WORTH_A_WARNING: f64 = 0.01;
 
-/// Pairs of faces that may meet, and for each face: of a surface that has more nobody knows what it should be.
+/// Maximum number of pairs of faces that may meet: a constant plus a number per face. The intended
+/// shape of a surface with more is unknowable.
 const MAX_CONTACTS: u64 = 1 << 20;
 const MAX_CONTACTS_OF_A_FACE: u64 = 256;
 
-/// Bytes of memory that dividing a surface takes at least, with the faces themselves: [`repair`] needs as many.
+/// Returns the minimum memory of [`repair`] in bytes: that of splitting a surface, and of the
+/// faces.
 pub fn repair_bytes(faces: &FaceList) -> u64 {
     faces.len() * FACE + faces.bytes()
 }
 
-/// Times that a repair counts each face of a surface as work that is done.
+/// Number of times that a repair's progress counts each face.
 pub const REPAIR_PASSES: u64 = 5;
 
-/// Adds a closed surface to a model's builder, without what bounds no body. First, parts that nothing else is around and that are inside
-/// out are turned, with all that they are around. New vertices, where faces meet, stay exact. `path` is a model's for errors.
+/// Adds a closed surface to a model's builder, without faces that bound no solid. First, outermost
+/// components that are inside out are reversed, together with their contents. New vertices at
+/// intersections stay exact. `path` is the model's, for errors.
 ///
-/// All faces are held in memory, which may take `memory` bytes. Progress counts each face [`REPAIR_PASSES`] times.
+/// All faces are held in memory, at most `memory` bytes. Progress counts each face
+/// [`REPAIR_PASSES`] times.
 ///
 /// # Errors
-/// [`Error::NotASolid`] if nothing is inside, or most of the surface would be lost; if the memory is not enough, if the file cannot
-/// be written, or on interruption.
+/// [`Error::NotASolid`] if nothing is inside, or more than half of the surface or the volume would
+/// be lost. Also if the memory is not enough, if the file cannot be written, or on cancellation.
 pub fn repair(
     faces: FaceList,
     rule: InsideRule,
@@ -121,7 +130,7 @@ pub fn repair(
     repair_around((faces, false), rule, builder, path, memory, progress)
 }
 
-/// Does what [`repair`] does to the surface of a body that may be unbounded.
+/// Does the same as [`repair`], for the surface of a body that may be unbounded.
 pub(crate) fn repair_around(
     (faces, is_unbounded): (FaceList, bool),
     rule: InsideRule,
@@ -175,7 +184,7 @@ pub(crate) fn repair_around(
     Ok((builder.push_rounded(rounded, &part(1))?, repaired))
 }
 
-/// Remains of a surface, with its volume and that which cells have, in cubes of steps.
+/// The result of splitting a surface, with its volume and that of cells, in cubed grid units.
 pub(crate) struct Divided {
     exact: ExactFaces,
     done: Resolved,
@@ -183,7 +192,8 @@ pub(crate) struct Divided {
     cells_volume: f64,
 }
 
-/// Divides a closed surface, and takes away what bounds no body; see [`repair`]. Progress counts faces.
+/// Splits a closed surface, and removes faces that bound no solid; see [`repair`]. Progress counts
+/// faces.
 pub(crate) fn divided(
     (faces, is_unbounded): (&ExactFaces, bool),
     rule: InsideRule,
@@ -212,7 +222,8 @@ pub(crate) fn divided(
         let advice = "choose another rule with --inside, or close the surface with --close";
         return Err(refused(path, what, advice));
     }
-    // What cells have inside: a rule that takes much less is not the one that was meant.
+    // Compare with the volume of cells: a rule that takes much less is probably not the intended
+    // one.
     let volume = volume(&exact);
     let cells_volume = match rule {
         InsideRule::Nonzero => volume,
@@ -237,7 +248,7 @@ pub(crate) fn divided(
     Ok(Divided { exact, done, volume, cells_volume })
 }
 
-/// Warns of what users would not expect of a repair.
+/// Warns of unexpected changes.
 fn tell_changes(outside_share: f64, of_cells: f64, path: &Path, progress: &dyn Progress) {
     if outside_share > WORTH_A_WARNING {
         let percent = outside_share * 100.0;
@@ -256,11 +267,11 @@ fn refused(path: &Path, what: String, advice: &str) -> Error {
     Error::NotASolid { path: path.to_path_buf(), what, places, count, advice: advice.into() }
 }
 
-/// The volume within a surface, in cubes of steps, nearly.
+/// Returns the approximate volume within a surface, in cubed grid units.
 pub(crate) fn volume(faces: &ExactFaces) -> f64 {
     let on_grid = (0..faces.list.len() as u32).filter(|number| !faces.exact.contains_key(number));
     let whole: i128 = on_grid.map(|number| faces.list.get(number as usize).six_volumes()).sum();
-    // (In the order of their numbers: sums of doubles depend on it.)
+    // (In the order of their numbers, since the rounding of sums depends on it.)
     let mut numbers: Vec<u32> = faces.exact.keys().copied().collect();
     numbers.sort_unstable();
     let beside: f64 = numbers.iter().map(|number| faces.exact[number].six_volumes()).sum();

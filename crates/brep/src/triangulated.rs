@@ -1,4 +1,4 @@
-//! Faces cut into triangles.
+//! Triangulated faces of a model.
 
 use super::arrangement::flip_in_plane;
 use super::{AttributedFaceVisitor, Face, Faces, Grid};
@@ -7,18 +7,18 @@ use crate::geometry::Triangulator;
 use spinney_base::Result;
 use spinney_crs::Crs;
 
-/// Faces of a model, cut into triangles: constrained Delaunay triangulations without new corners, so that a face of `c` corners
-/// with `h` holes has `c + 2h - 2` of them.
+/// Faces of a model, triangulated: constrained Delaunay triangulations without new vertices. A face
+/// of `c` vertices and `h` holes has `c + 2h - 2` triangles.
 pub struct Triangulated<'a> {
     faces: &'a dyn Faces,
     len: u64,
 }
 
 impl<'a> Triangulated<'a> {
-    /// The triangles of a model's faces. Reads the faces once.
+    /// Counts the triangles of a model's faces. Reads the faces once.
     ///
     /// # Errors
-    /// If they cannot be read.
+    /// If the faces cannot be read.
     pub fn of(faces: &'a dyn Faces) -> Result<Triangulated<'a>> {
         let mut found = Triangulated { faces, len: 0 };
         let mut len = 0;
@@ -97,7 +97,8 @@ impl Faces for Triangulated<'_> {
                         face.points.iter().map(|point| point.map(f64::from)).collect();
                     flip_in_plane(normal.map(|part| part as f64), &points, &mut triangles);
                 } else {
-                    // What has no area, or rings that cross, keeps its edges as fans.
+                    // Faces without area, or with crossing rings, become fans that keep their
+                    // edges.
                     triangles.clear();
                     let mut start = 0;
                     for end in face.ring_ends.iter().map(|end| *end as u32) {

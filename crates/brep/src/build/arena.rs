@@ -1,4 +1,4 @@
-//! The nodes of a part of the octree that is being built, and the segments that are cut from it.
+//! Nodes of a subtree that is being built, and the segments that are cut off from it.
 
 use std::collections::HashMap;
 
@@ -12,26 +12,27 @@ use spinney_base::space::Code;
 
 use super::defects::Defects;
 
-/// Words of nodes and leaves below a node that make it own a segment. A function of the tree alone decides, so that
-/// files do not depend on how the work was divided.
+/// Number of words of nodes and leaves below a node above which the subtree becomes a segment. It
+/// depends on the tree alone, so files do not depend on how the work was divided.
 const SEGMENT: usize = 4096;
 
-/// Instead of the head of a leaf: a cell that no face cuts, with a list of faces beside the grid that are near it.
+/// Marks an entry that is not a leaf: a cell that no face cuts, with a list of near off-grid faces.
 const NO_LEAF: u32 = 256;
 
-/// Nodes of subtrees, in preorder. The words of leaves are places in a list of heads, counts and numbers of faces, and counts and
-/// numbers of faces with corners beside the grid.
+/// Nodes of subtrees, in preorder. A leaf's word is an index into `leaves`, where an entry has a
+/// head, the count and numbers of its faces, and the count and numbers of near faces with off-grid
+/// vertices.
 #[derive(Default)]
 pub(super) struct Arena {
     words: Vec<u32>,
     leaves: Vec<u32>,
-    /// Segments that were cut, the deepest first.
+    /// Segments that were cut off, the deepest first.
     pub(super) segments: Vec<(Code, Vec<u8>)>,
     pub(super) counts: NodeCounts,
     pub(super) defects: Defects,
 }
 
-/// A place in an arena: where a subtree begins.
+/// A position in an arena: where a subtree begins.
 #[derive(Clone, Copy)]
 pub(super) struct Mark {
     words: usize,
@@ -43,13 +44,15 @@ impl Arena {
         Mark { words: self.words.len(), leaves: self.leaves.len() }
     }
 
-    /// Adds a leaf with the numbers of its faces, and of those with corners beside the grid that are near it; returns its word.
+    /// Adds a leaf with the numbers of its faces, and of near faces with off-grid vertices; returns
+    /// its word.
     pub(super) fn leaf(&mut self, head: LeafHead, faces: impl Iterator<Item = u32>, near: &[u32]) -> u32 {
         self.counts.count(head.kind);
         self.entry(head.to_byte().into(), faces, near) << 3 | LEAF
     }
 
-    /// The word of a cell that no face cuts, and that is VOID or FULL; with a list where faces beside the grid are near it.
+    /// Returns the word of a VOID or FULL cell that no face cuts; it refers to a list if off-grid
+    /// faces are near.
     pub(super) fn near(&mut self, word: u32, near: &[u32]) -> u32 {
         if near.is_empty() {
             return word;
@@ -58,7 +61,7 @@ impl Arena {
         self.entry(NO_LEAF, std::iter::empty(), near) << 3 | state
     }
 
-    /// Adds an entry of the list of leaves; returns its place.
+    /// Adds an entry to the list of leaves; returns its index.
     fn entry(&mut self, head: u32, faces: impl Iterator<Item = u32>, near: &[u32]) -> u32 {
         let at = self.leaves.len();
         self.leaves.extend([head, 0]);
@@ -69,26 +72,27 @@ impl Arena {
         at as u32
     }
 
-    /// The head of the only leaf, which is taken away.
+    /// Removes the only leaf, and returns its head.
     pub(super) fn take_leaf(&mut self) -> Option<LeafHead> {
         let head = self.leaves.first().and_then(|head| LeafHead::from_byte(*head as u8));
         self.leaves.clear();
         head
     }
 
-    /// Makes room for the words of a node's children; returns where.
+    /// Reserves the words of a node's children; returns their index.
     pub(super) fn record(&mut self) -> usize {
         self.counts.inner += 1;
         self.words.extend([0; 8]);
         self.words.len() - 8
     }
 
-    /// Tells the word of a child.
+    /// Sets the word of a child.
     pub(super) fn set(&mut self, record: usize, child: usize, word: u32) {
         self.words[record + child] = word;
     }
 
-    /// The word of a node of which all children are VOID, or all FULL, and no exact face is near: it has none then.
+    /// Merges a node's children if all are VOID, or all FULL, without near off-grid faces. Returns
+    /// the node's word in this case.
     pub(super) fn merged(&mut self, record: usize) -> Option<u32> {
         let (_, words) = self.words.split_at(record);
         let state = words[0];
@@ -101,12 +105,15 @@ impl Arena {
         Some(state)
     }
 
-    /// The word of a node whose children are complete; it is cut off into a segment if it has become large.
+    /// Returns the word of a node whose children are complete. A subtree that has become too large
+    /// is cut off into a segment.
     pub(super) fn complete(&mut self, code: Code, mark: Mark, record: usize) -> u32 {
-        // Invariant: what stands behind a node's mark is below that node, complete, and without what was cut
-        // off. Nodes are made in preorder and completed after their children, also those that another thread
-        // has made, which are appended in order. So which subtrees are cut off follows from the tree alone,
-        // and places move by the mark alone when they are.
+        // Invariant: the words after a node's mark are its complete descendants, except those that
+        // were cut off. Nodes are created in preorder, and completed after their children. This
+        // includes the children that other threads have built, which are appended in order. So the
+        // tree alone determines which subtrees are cut off, and indices of a subtree only need to
+        // be shifted by its mark. Otherwise, files would depend on the threads, and indices would
+        // be wrong.
         let size = self.words.len() - mark.words + self.leaves.len() - mark.leaves;
         let word = (record as u32) << 3 | INNER;
         if size <= SEGMENT {
@@ -151,7 +158,7 @@ impl Arena {
         self.leaves.truncate(mark.leaves);
     }
 
-    /// Takes over what another arena has, which has one node; returns its word here.
+    /// Appends another arena, which has a single root; returns the root's word in this arena.
     pub(super) fn append(&mut self, other: Arena, word: u32) -> u32 {
         let (words, leaves) = (self.words.len() as u32, self.leaves.len() as u32);
         let moved = |word: u32| match word & 7 {
@@ -168,7 +175,7 @@ impl Arena {
     }
 }
 
-/// Numbers of faces in a segment, in the order in which they come first.
+/// Face numbers within a segment, by first occurrence.
 #[derive(Default)]
 struct OwnNumbers {
     numbers: HashMap<u32, u32, Hasher>,
@@ -176,7 +183,7 @@ struct OwnNumbers {
 }
 
 impl OwnNumbers {
-    /// The own numbers of some faces, ascending.
+    /// Maps faces to their numbers in the segment, ascending.
     fn of(&mut self, faces: &[u32], out: &mut Vec<u32>) {
         out.clear();
         for &face in faces {

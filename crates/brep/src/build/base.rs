@@ -1,9 +1,10 @@
-//! The octree of a model most of whose faces are those of another one: what is below a cell in which no face changes is taken
-//! over from that one's octree.
+//! Incremental build: the octree of a model that shares most of its faces with a base model. Cells
+//! without changes are copied from the base's octree.
 //!
-//! Winding numbers change between the corners of cells by what is added, less what goes: so of faces that stay, nothing is asked but in
-//! leaves that others cut, too. Cells are not joined again where faces go, unless nothing is left in them: an octree may be deeper than one
-//! that is built at once, and says the same.
+//! Changes of winding numbers between cell corners are computed from added minus removed faces. So
+//! unchanged faces are only read in leaves that changed faces cut. Cells are not merged where faces
+//! are removed, unless they become empty: the octree may be deeper than that of a full build, but
+//! is equivalent.
 
 use super::arena::{Arena, Mark};
 use super::cells::{Cell, uniform};
@@ -19,27 +20,27 @@ use crate::store::segment::LeafHead;
 use crate::{ExactModel, FaceBuffer, ModelNode, ModelNodeState};
 use spinney_base::{Error, Result};
 
-/// A model, and those of its faces that stay as they are.
+/// A base model, and its faces that are kept.
 pub(crate) struct BaseModel<'a> {
     pub(crate) model: &'a ExactModel,
-    /// New numbers of the faces of its octree.
+    /// New numbers of the kept faces of its octree.
     pub(crate) faces: Renumbering,
-    /// Those of its faces with corners beside the grid.
+    /// New numbers of its kept faces with off-grid vertices.
     pub(crate) exact: Renumbering,
 }
 
-/// Faces in a cell that are not in the base, or not in the model that is built.
+/// Faces of a cell that are only in the base, or only in the new model.
 struct Changes<'c> {
-    /// Those that are added.
+    /// Added faces.
     added: &'c [u32],
-    /// Those that go.
+    /// Removed faces.
     removed: &'c [u32],
-    /// Faces with corners beside the grid that are near it: those that are added, and those that go.
+    /// Near faces with off-grid vertices: added and removed ones.
     near: [&'c [u32]; 2],
 }
 
 impl Changes<'_> {
-    /// Whether there are none.
+    /// Returns whether there are no changes.
     fn is_empty(&self) -> bool {
         let Changes { added, removed, near } = self;
         added.is_empty() && removed.is_empty() && near.iter().all(|near| near.is_empty())
@@ -47,23 +48,23 @@ impl Changes<'_> {
 }
 
 impl BaseModel<'_> {
-    /// The error of an octree that does not belong to its faces.
+    /// Returns the error of an octree that does not match its faces.
     fn wrong(&self, node: &ModelNode<'_>) -> Error {
         let place = format!("node {:?} of level {}", node.position(), node.level());
         Error::corrupt(self.model.path(), place, "faces that should not cut it", "the octree of the faces")
     }
 
-    /// The new numbers of a node's faces that stay.
+    /// Returns the new numbers of a node's kept faces.
     fn faces(&self, node: &ModelNode<'_>) -> Vec<u32> {
         node.faces().filter_map(|face| self.faces.number(face)).collect()
     }
 
-    /// The new numbers of the faces with corners beside the grid near a node that stay.
+    /// Returns the new numbers of kept faces with off-grid vertices near a node.
     fn near(&self, node: &ModelNode<'_>) -> Vec<u32> {
         node.near().into_iter().filter_map(|face| self.exact.number(face.into())).collect()
     }
 
-    /// [`BaseModel::near`], of faces that will be asked for.
+    /// Returns the same as [`BaseModel::near`], and loads these faces into `all`.
     fn tell_near(&self, node: &ModelNode<'_>, all: &mut NearFaces) -> Result<Vec<u32>> {
         for face in node.near() {
             if let Some(number) = self.exact.number(face.into()) {
@@ -75,7 +76,7 @@ impl BaseModel<'_> {
 }
 
 impl Upper<'_> {
-    /// Takes over a cell in which nothing changes; returns the word of its node.
+    /// Copies a cell without changes; returns the word of its node.
     fn copy(&mut self, base: &BaseModel<'_>, node: &ModelNode<'_>, out: &mut Arena) -> Result<u32> {
         let near = base.near(node);
         match node.state() {
@@ -108,8 +109,8 @@ impl Upper<'_> {
         }
     }
 
-    /// Builds a cell of the base in which some faces are added and others go; the cell's winding number is the difference
-    /// to that in the base. Returns the word of its node.
+    /// Builds a cell of the base in which faces are added or removed. The cell's winding number is
+    /// relative to that in the base. Returns the word of its node.
     pub(super) fn change_run(
         &mut self,
         base: &BaseModel<'_>,
@@ -146,7 +147,7 @@ impl Upper<'_> {
         let (removed, others, _) = division.of(cell, removed, &mut self.place)?;
         let (mark, record) = (out.mark(), out.record());
         for (child, runs) in added.into_iter().zip(removed).enumerate() {
-            // What goes takes away what it has added.
+            // Removed faces subtract what they had added.
             let winding = cells[child].winding - (others[child].winding - cell.winding);
             let cell = Cell { winding, ..cells[child] };
             let near =
@@ -159,7 +160,7 @@ impl Upper<'_> {
         self.complete(cell, mark, record, out)
     }
 
-    /// Builds a cell of the base in which faces change, all of them in memory, as [`Upper::change_run`] does.
+    /// Builds the same as [`Upper::change_run`], with all changed faces in memory.
     fn change(
         &mut self,
         base: &BaseModel<'_>,
@@ -168,8 +169,10 @@ impl Upper<'_> {
         changes: &Changes<'_>,
         out: &mut Arena,
     ) -> Result<u32> {
-        // Invariant: where no face changes in a cell, the difference of winding numbers is the same all over it; and where none with
-        // corners beside the grid comes or goes near it, lists of these stay. So all below is as it was, but for numbers.
+        // Invariant: in a cell without changed faces, the difference of the winding numbers is
+        // constant. If no off-grid faces are added or removed near it, their lists are unchanged.
+        // So the whole subtree is unchanged except for face numbers; a difference that is not zero
+        // must not be copied, or the inside would be wrong.
         if changes.is_empty() && cell.winding == 0 {
             return self.copy(base, node, out);
         }
@@ -216,8 +219,8 @@ impl Upper<'_> {
         self.complete(cell, mark, record, out)
     }
 
-    /// A cell that is not divided in the base: with its winding number, the exact faces that are near it, those that are added included, and the
-    /// words of its faces that stay.
+    /// Returns a cell that is not divided in the base, with its winding number, the exact faces
+    /// near it including the added ones, and the words of its kept faces.
     fn undivided(
         &mut self,
         base: &BaseModel<'_>,
@@ -240,10 +243,10 @@ impl Upper<'_> {
         Ok((Cell { winding: cell.winding + i32::from(before), ..*cell }, near, words))
     }
 
-    /// The word of a node whose children are complete.
+    /// Returns the word of a node whose children are complete.
     fn complete(&mut self, cell: &Cell, mark: Mark, record: usize, out: &mut Arena) -> Result<u32> {
-        // (A cell may be near a face with corners beside the grid that none of its children is near: boxes and planes are
-        // looked at one by one.)
+        // (A cell may be near an off-grid face that none of its children is near: boxes and planes
+        // are tested separately. So nothing is merged in models with off-grid faces.)
         let merged = if self.near.is_empty() { out.merged(record) } else { None };
         let word = merged.unwrap_or_else(|| out.complete(cell.code(), mark, record));
         self.store(out)?;

@@ -1,4 +1,5 @@
-//! The octree over faces in memory: cells are divided until the planes of their faces have a point in common.
+//! The octree over faces in memory: cells are divided until the planes of their faces share a
+//! point.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -27,12 +28,13 @@ use spinney_base::{Progress, Result};
 pub(super) struct Cell {
     pub(super) level: u8,
     pub(super) position: [u32; 3],
-    /// Winding number of the surface around its least corner, moved a little: see [`crate::exact::crossing`].
+    /// Winding number of the surface around its minimum corner, perturbed: see
+    /// [`crate::exact::crossing`].
     pub(super) winding: i32,
 }
 
 impl Cell {
-    /// Least coordinates in half units of the grid, and width.
+    /// Returns the minimum coordinates in half units of the grid, and the width.
     pub(super) fn bounds(&self, bits: u8) -> ([i64; 3], i64) {
         let width = 2i64 << (bits - self.level);
         (self.position.map(|at| i64::from(at) * width - 1), width)
@@ -48,7 +50,8 @@ impl Cell {
     }
 }
 
-/// Lists of the faces of cells that are being divided, each behind that of the cell around it, and room to work in.
+/// Lists of the faces of cells that are being divided, each after that of the parent cell, and work
+/// buffers.
 pub(super) struct Lists {
     pub(super) items: Vec<u32>,
     /// Children that each face of a cell cuts, as bits.
@@ -56,23 +59,24 @@ pub(super) struct Lists {
     pub(super) boxes: Vec<Bounds>,
 }
 
-/// Bounds of a leaf's faces in its cell, or a little beyond.
+/// Bounds of a leaf's faces, clipped to its cell or a slightly larger box.
 struct Near<'a> {
     boxes: &'a [Bounds],
-    /// Where they are many: faces of one plane may be any number.
+    /// Present for many faces: any number of faces may be in one plane.
     tree: Option<BoxTree>,
     equal: EqualFaces,
 }
 
 impl Near<'_> {
     fn tree(boxes: &[Bounds]) -> Option<BoxTree> {
-        /// A tree takes longer for fewer.
+        /// For fewer boxes, a tree takes longer.
         const MANY: usize = 64;
         let numbered = || (0..).zip(boxes.iter().copied()).collect();
         (boxes.len() > MANY).then(|| BoxTree::of(numbered()))
     }
 
-    /// Hands out the places, from a first one on, of all boxes that pass a test, which boxes around them pass, too.
+    /// Visits the indices, from `first` on, of all boxes that pass a test. A box that contains a
+    /// passing box must pass, too.
     #[inline]
     fn each(&self, first: usize, meets: &impl Fn(&Bounds) -> bool, mut each: impl FnMut(usize)) {
         match &self.tree {
@@ -92,28 +96,28 @@ impl Near<'_> {
     }
 }
 
-/// Faces below which cells are not worth a task of their own.
+/// Maximum number of faces of a cell that does not get its own task.
 pub(super) const TASK: usize = 2048;
 
-/// Faces above which a cell that is divided asks whether to go on: a bundle of long thin ones has most of them in each of very
-/// many cells.
+/// Number of faces above which dividing a cell checks for cancellation: a bundle of long thin faces
+/// is in very many cells almost completely.
 const WATCHED: usize = 64;
 
-/// Context of all cells of a model.
+/// Context shared by all cells of a model.
 pub(super) struct Walk<'a> {
     pub(super) items: &'a Items,
-    /// Faces with corners beside the grid.
+    /// Faces with off-grid vertices.
     pub(super) near: &'a NearFaces,
     pub(super) bits: u8,
     pub(super) depth: u8,
-    /// Cells with at most so many faces are not divided.
+    /// Maximum number of faces of a cell that is not divided.
     pub(super) leaf_size: usize,
     pub(super) stages: &'a Mutex<Stages>,
     pub(super) progress: &'a dyn Progress,
 }
 
 impl Walk<'_> {
-    /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
+    /// Builds a cell from its faces, and near off-grid faces; returns the word of its node.
     pub(super) fn cell(
         &self,
         cell: &Cell,
@@ -129,7 +133,7 @@ impl Walk<'_> {
         word
     }
 
-    /// Builds a cell whose faces are a part of the last list.
+    /// Builds a cell whose faces are a range of the last list.
     fn node(
         &self,
         cell: &Cell,
@@ -182,13 +186,15 @@ impl Walk<'_> {
                 out.set(record, child, word);
             }
         }
-        // Invariant: behind the list of a cell that is being divided there are those of its children, and
-        // nothing else: each takes its own away. So a list stays where it is while what is below is built.
+        // Invariant: the lists after that of a cell that is being divided are those of its
+        // descendants: each cell removes its own. So a list does not move while its subtree is
+        // built.
         lists.items.truncate(end);
         Ok(out.complete(cell.code(), mark, record))
     }
 
-    /// Appends the lists of a cell's children: where each begins, and where the last one ends; and the children.
+    /// Appends the lists of a cell's children. Returns their bounds in `lists.items`, and the
+    /// children.
     pub(super) fn divide(
         &self,
         cell: &Cell,
@@ -224,14 +230,14 @@ impl Walk<'_> {
         (starts, Division::cells(cell, changes))
     }
 
-    /// The kind of the leaf that a cell is; `None` if it is to be divided.
+    /// Returns the kind of a cell that is a leaf, or `None` if the cell is to be divided.
     fn end(&self, cell: &Cell, list: &[u32]) -> Option<NodeKind> {
         let kind = self.kind(list);
         (kind != NodeKind::Boolean || list.len() <= self.leaf_size || cell.level == self.depth)
             .then_some(kind)
     }
 
-    /// What the planes of some faces have in common.
+    /// Classifies what the planes of some faces share.
     pub(super) fn kind(&self, list: &[u32]) -> NodeKind {
         match self.rank(list) {
             0 | 1 => NodeKind::Face,
@@ -245,7 +251,7 @@ impl Walk<'_> {
         if list.len() < 2 {
             return list.len();
         }
-        // A corner that all have in common says most, and is quickly found.
+        // A vertex that all faces share decides most cases, and is found quickly.
         let is_common = |corner: &[i32; 3]| list.iter().all(|item| self.items.points(*item).contains(corner));
         let most = match list.len() {
             few @ ..4 => few,
@@ -263,7 +269,7 @@ impl Walk<'_> {
         boxes: &mut Vec<Bounds>,
         out: &mut Arena,
     ) -> Result<u32> {
-        // Bounds of the faces within the cell, or a little beyond.
+        // Bounds of the faces, clipped to the cell or a slightly larger box.
         let (min, width) = cell.bounds(self.bits);
         let (least, most) =
             (min.map(|at| at.div_euclid(2) as i32), min.map(|at| ((at + width + 1) / 2) as i32));
@@ -289,7 +295,7 @@ impl Walk<'_> {
                 LeafRule::Crossings => false,
             };
             if i32::from(expected) != cell.winding {
-                // What is behind is one more than what is in front.
+                // Inside of the faces, the winding number is one more than outside.
                 let more = cell.winding - i32::from(expected);
                 rule = LeafRule::Crossings;
                 out.defects.push(Found {
@@ -303,7 +309,7 @@ impl Walk<'_> {
         Ok(out.leaf(LeafHead { kind, rule, inside }, faces, near_faces))
     }
 
-    /// Looks for faces that pass through each other or lie on each other.
+    /// Finds faces that intersect or overlap each other.
     fn check_pairs(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
         let (min, width) = cell.bounds(self.bits);
         let owns = |point: [i32; 3]| {
@@ -318,8 +324,9 @@ impl Walk<'_> {
                 self.progress.check()?;
             }
             if let Some(first) = near.equal.before(index) {
-                // Invariant: a face that equals an earlier one has the same contacts as that one, whose pairs report them; its own defect is that
-                // it lies on that face. One cell has its sample, so that it is counted once.
+                // Invariant: a face that equals an earlier one has the same contacts, which the
+                // earlier one's pairs report; its own defect is the overlap with that face. Exactly
+                // one cell contains its sample, so it is counted once.
                 if self.sample_in(cell, one).is_some() {
                     out.defects.push(self.defect(DefectKind::Overlap, [list[first], one]));
                 }
@@ -327,7 +334,7 @@ impl Walk<'_> {
             }
             let [low, high] = near.boxes[index];
             others.clear();
-            // (Without a branch for each axis.)
+            // (Without a branch per axis.)
             let apart = |axis: usize, [other_low, other_high]: &Bounds| {
                 (other_low[axis] > high[axis]) | (low[axis] > other_high[axis])
             };
@@ -347,7 +354,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// A defect of two faces.
+    /// Returns a defect of two faces, at the centre of their bounds' intersection.
     fn defect(&self, kind: DefectKind, pair: [u32; 2]) -> Found {
         let [[low, high], [other_low, other_high]] = pair.map(|item| *self.items.bounds(item));
         let at = [0, 1, 2].map(|axis| {
@@ -359,8 +366,9 @@ impl Walk<'_> {
         Found { kind, at, faces }
     }
 
-    /// The sample of a face, if it is in a cell.
-    // Invariant: a sample lies on no wall, so that one cell has it, and a face is looked at once.
+    /// Returns the sample of a face if it is in a cell.
+    // Invariant: a sample is not on a wall, so exactly one cell contains it, and a face is checked
+    // once.
     fn sample_in(&self, cell: &Cell, item: u32) -> Option<FinePoint> {
         let (min, width) = cell.bounds(self.bits);
         let sample = self.items.sample(item);
@@ -368,7 +376,8 @@ impl Walk<'_> {
         (0..3).all(|axis| (0..width).contains(&((sample.at[axis] >> shift) - min[axis]))).then_some(sample)
     }
 
-    /// The defect between two faces of a cell, if there is one; `within` are the boxes around what the cell has of each.
+    /// Returns the defect between two faces of a cell, if any; `within` are the bounds of each face
+    /// in the cell.
     fn conflict(
         &self,
         [one, other]: [u32; 2],
@@ -380,9 +389,9 @@ impl Walk<'_> {
         if firsts.len() == 1 && seconds.len() == 1 {
             return self.conflict_of_pieces(firsts, seconds, list, owns);
         }
-        // Of many triangles, those that get to where both faces are.
-        // Invariant: whatever decides about a pair is in the cell, and in what the cell has of both faces: a corner that both have,
-        // or a point where they meet. So none is passed over that no other cell looks at.
+        // For many triangles: those that reach the bounds of both faces.
+        // Invariant: the criterion of a pair is in the cell and in both faces' bounds there: a
+        // common vertex or a point where they meet. So no pair is skipped that no other cell tests.
         let near = |triangles: &[Piece]| -> Vec<Piece> {
             let is_near = |piece: &&Piece| {
                 let bounds = bounds_of(&piece.corners);
@@ -393,7 +402,7 @@ impl Walk<'_> {
         self.conflict_of_pieces(&near(firsts), &near(seconds), list, owns)
     }
 
-    /// The defect between triangles of two faces of a cell.
+    /// Returns the defect between triangles of two faces of a cell.
     fn conflict_of_pieces(
         &self,
         firsts: &[Piece],
@@ -403,12 +412,12 @@ impl Walk<'_> {
     ) -> Option<DefectKind> {
         for a in firsts {
             for b in seconds {
-                // Invariant: some cell looks at each pair of triangles that may pass through each other, with
-                // all that decides about it. One that has a common corner is looked at in the cell that has
-                // it, where the faces around it are, and only there; one that has none, in each cell that
-                // both cut. (With two common corners in different cells, triangles can only lie on each
-                // other, which winding numbers tell.) A pair that nobody looked at would be in a file that
-                // says to be a body.
+                // Invariant: every pair of triangles that may intersect is tested in some cell that
+                // has everything to decide it. A pair with a common vertex is tested only in the
+                // cell of that vertex, which also has the faces around it. A pair without one is
+                // tested in each cell that both triangles cut. (Triangles with two common vertices
+                // in different cells can only overlap, which winding numbers detect.) If a pair was
+                // missed, an invalid body would be written to a file.
                 let shared = Shared::of(&a.corners, &b.corners);
                 if !shared.all(&b.corners, &owns) {
                     continue;
@@ -418,7 +427,7 @@ impl Walk<'_> {
                     Contact::Wrong(kind) => return Some(kind),
                     Contact::Edges { through, across } => {
                         let owner = if has_edge(a, across) { a } else { b };
-                        // The face at the other side of the edge is in the cell in which they meet.
+                        // The face on the other side of the edge is in the cell in which they meet.
                         let turned = [across[1], across[0]];
                         let pieces = list.iter().flat_map(|item| self.items.triangles(*item));
                         let twins =
@@ -434,8 +443,9 @@ impl Walk<'_> {
         None
     }
 
-    /// Looks at both sides of each face that has its sample in the cell: outside should be in front, and inside
-    /// behind; or, where faces of bodies that touch lie on each other, the one or the other on both sides.
+    /// Checks both sides of each face whose sample is in the cell: the front should be outside and
+    /// the back inside. Where faces of touching bodies coincide, both sides may be outside, or both
+    /// inside.
     fn check_windings(&self, cell: &Cell, list: &[u32], near: &Near<'_>, out: &mut Arena) -> Result<()> {
         let (min, _) = cell.bounds(self.bits);
         for (index, &item) in list.iter().enumerate() {
@@ -451,14 +461,14 @@ impl Walk<'_> {
             };
             let shift = sample.bits - 1;
             let corner = FinePoint { at: min.map(|at| at << shift), bits: sample.bits };
-            // The points of the grid around each coordinate.
+            // The grid points around each coordinate.
             let around = |at: i64| [(at >> sample.bits) as i32, -(-at >> sample.bits) as i32];
             let (start, end) = (corner.at.map(around), sample.at.map(around));
             let normal = self.items.plane(item).normal.map(i128::from);
             let mut winding = cell.winding;
             let mut beyond = 0;
             let mut is_alone = true;
-            // The way leads along x, then y, then z: few faces reach it.
+            // The path leads along x, then y, then z, and reaches few faces.
             let reached = |[low, high]: &Bounds| {
                 let spans = |axis: usize, at: &[[i32; 2]; 3]| {
                     (low[axis] <= at[axis][0]) & (at[axis][1] <= high[axis])
@@ -488,7 +498,8 @@ impl Walk<'_> {
                     beyond += outline.side_of_moved(&sample);
                 }
             });
-            // Where another body's edge touches the face, what is on which side depends on how far one goes.
+            // Where another body's edge touches the face, the sides depend on the distance from the
+            // face.
             if !is_alone {
                 continue;
             }
@@ -505,11 +516,11 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// How the planes of a few faces tell what is inside. Where all faces lie behind or in all planes, the body's
-    /// boundary in the cell is that of what is behind all, and the body is; the same of its complement where they
-    /// lie in front.
+    /// Returns how the planes of a few faces define the inside. If every face is in or on the inner
+    /// side of every other face's plane, the body in the cell is the intersection of the inner
+    /// half-spaces. If every face is on the outer side, the same holds for its complement.
     fn rule(&self, list: &[u32]) -> LeafRule {
-        /// Looking at more faces would take longer than it saves.
+        /// For more faces, the analysis would take longer than it saves.
         const FEW: usize = 4;
         if list.len() > FEW {
             return LeafRule::Crossings;
@@ -538,13 +549,13 @@ impl Walk<'_> {
     }
 }
 
-/// Whether a triangle has an edge in this direction.
+/// Returns whether a triangle has an edge in this direction.
 fn has_edge(piece: &Piece, edge: [[i32; 3]; 2]) -> bool {
     let [a, b, c] = piece.corners;
     [[a, b], [b, c], [c, a]].contains(&edge)
 }
 
-/// The word of a cell that no face cuts.
+/// Returns the word of a cell that no face cuts.
 pub(super) fn uniform(cell: &Cell, bits: u8, out: &mut Arena) -> u32 {
     if !(0..=1).contains(&cell.winding) {
         let (min, width) = cell.bounds(bits);

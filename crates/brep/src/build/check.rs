@@ -1,5 +1,5 @@
-//! Whether the octree of a file is that of its faces: these are divided once more, as the file's nodes say, and what comes of it in
-//! each cell is compared with what the file has there. Pairs of faces and winding numbers are looked at as in building.
+//! Verification of a file's octree: its faces are divided again along the file's nodes, and the
+//! result is compared in each cell. Pairs of faces and winding numbers are checked as in a build.
 
 use std::ops::Range;
 use std::sync::Mutex;
@@ -23,19 +23,19 @@ use spinney_base::sort;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::Finding;
 
-/// What is found in an octree.
+/// Result of an octree check.
 #[derive(Default)]
 pub(crate) struct Checked {
-    /// Nodes that are not what the faces make them: at most 100.
+    /// Nodes that do not match the faces: at most 100.
     pub(crate) findings: Vec<Finding>,
-    /// Places where the faces bound no body: at most 100.
+    /// Positions where the faces bound no solid: at most 100.
     pub(crate) defects: Vec<Defect>,
     pub(crate) counts: NodeCounts,
-    /// Nodes with segments of their own, but for the root.
+    /// Number of nodes with segments of their own, except the root.
     pub(crate) cut: u64,
 }
 
-/// Collects the faces of a model, to compare its octree with.
+/// Collects the faces of a model for comparison with its octree.
 pub(crate) struct OctreeCheck {
     memory: u64,
     run: RunBuilder,
@@ -44,8 +44,8 @@ pub(crate) struct OctreeCheck {
 }
 
 impl OctreeCheck {
-    /// Takes about so many bytes of memory; what has no room there goes to temporary files. Faces lie at most `reach` steps beside
-    /// those that they stand in for.
+    /// Creates a check that takes about `memory` bytes; what exceeds them goes to temporary files.
+    /// Faces are at most `reach` grid units from their proxies.
     pub(crate) fn new(memory: u64, reach: u8) -> OctreeCheck {
         let place = Place::Folder(std::env::temp_dir());
         let run = RunBuilder::new((memory / 4 / 4) as usize, place);
@@ -55,20 +55,21 @@ impl OctreeCheck {
     /// Adds a face that is planar and has an area.
     pub(crate) fn push(&mut self, face: &Face<'_>) -> Result<()> {
         self.words.clear();
-        // (Files have fewer than 2^32.)
+        // (Files have less than 2^32 faces.)
         FaceWords::write(face.number as u32, face.points, face.ring_ends, &mut self.words);
         self.run.push(FaceWords(&self.words))
     }
 
-    /// Adds a face with corners beside the grid, whose number is that of those before it.
+    /// Adds a face with off-grid vertices. Faces are numbered in this order.
     pub(crate) fn push_exact(&mut self, face: &ExactFace) {
         self.near.push(face);
     }
 
-    /// Compares; `from` of `total` units of work were done before.
+    /// Compares the octree with the faces; `from` of `total` units of work were done before.
     ///
     /// # Errors
-    /// If the file cannot be read or is damaged, if the faces of one leaf have no room in memory, or on interruption.
+    /// If the file cannot be read or is corrupt, if the faces of one leaf do not fit into memory,
+    /// or on cancellation.
     pub(crate) fn finish(
         self,
         model: &ExactModel,
@@ -101,13 +102,13 @@ impl OctreeCheck {
     }
 }
 
-/// What was found in a part of the octree.
+/// Differences in a subtree.
 #[derive(Default)]
 struct Differences {
     findings: Vec<Finding>,
     counts: NodeCounts,
     cut: u64,
-    /// Of which defects are kept; leaves are made in it one by one.
+    /// Collects the defects; leaves are built in it one by one.
     arena: Arena,
 }
 
@@ -130,7 +131,7 @@ impl Differences {
     }
 }
 
-/// The upper cells, whose faces are too many for memory.
+/// The upper cells, whose faces exceed memory.
 struct Upper<'a> {
     model: &'a ExactModel,
     near: &'a NearFaces,
@@ -138,10 +139,10 @@ struct Upper<'a> {
     place: Place,
     stages: &'a Mutex<Stages>,
     progress: &'a dyn Progress,
-    /// Of all faces, and of those that are done.
+    /// Words of all faces, and of those that are done.
     words: u64,
     done: u64,
-    /// Units of work that they stand for, of all.
+    /// Units of work of the faces, and in total.
     units: u64,
     total: u64,
 }
@@ -164,7 +165,7 @@ impl Upper<'_> {
             let walk = Walk { items: &items, near: all_near, bits, depth: 0, leaf_size: 0, stages, progress };
             let check = CellCheck { walk, model };
             check.cell(cell, node, (0..items.len() as u32).collect(), near, found)?;
-            // (Faces that several cells have count once.)
+            // (Faces in several cells count once.)
             let share = |words: u64| {
                 (u128::from(self.units) * u128::from(words) / u128::from(self.words.max(1))) as u64
             };
@@ -296,7 +297,7 @@ impl CellCheck<'_> {
         }
     }
 
-    /// Goes on to the children of a cell that no face cuts.
+    /// Visits the children of a cell that no face cuts.
     fn children(
         &self,
         cell: &Cell,
@@ -334,7 +335,7 @@ impl CellCheck<'_> {
         if head.kind != kind {
             found.add(cell, || format!("a leaf of the kind {:?}, and its faces make it {kind:?}", head.kind));
         }
-        // (Of one plane, what is behind all faces is behind any.)
+        // (In a single plane, the rules `All` and `Any` are equivalent.)
         let is_either = kind == NodeKind::Face && made.rule == LeafRule::All && head.rule == LeafRule::Any;
         if head.rule != LeafRule::Crossings && head.rule != made.rule && !is_either {
             let (is, was) = (head.rule, made.rule);
@@ -350,7 +351,8 @@ impl CellCheck<'_> {
     }
 }
 
-/// Compares the list of faces of a cell with what it should be; words say what faces are, and what is wrong.
+/// Compares the face list of a cell with the expected one; the strings describe the faces and the
+/// differences.
 fn compare(
     cell: &Cell,
     there: &[u32],

@@ -1,4 +1,4 @@
-//! Defects of surfaces that bound no body: where, and of which faces.
+//! Defects of surfaces that bound no solid: positions and faces.
 
 use std::fmt;
 use std::path::Path;
@@ -7,39 +7,40 @@ use super::BuildReport;
 use crate::Grid;
 use spinney_base::Error;
 
-/// Places that are kept.
+/// Maximum number of defects that are kept.
 pub(super) const MOST: usize = 100;
 
-/// Defects after which a part of space is not looked at any further: of equal bodies in one place, any two faces lie on each
-/// other.
+/// Number of defects after which a subtree is not checked any further: of equal bodies in one
+/// position, any two faces overlap.
 const ENOUGH: u64 = 1000;
 
-/// A place where a surface is no boundary of a body.
+/// A position where a surface does not bound a solid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Defect {
     /// Kind of the defect.
     pub kind: DefectKind,
-    /// A point of the place, in the world.
+    /// A point of the defect, in world coordinates.
     pub place: [f64; 3],
-    /// Numbers of the faces of the model that are part of it, from 0 in the order of reading.
+    /// Numbers of the faces involved, from 0 in the order of reading.
     pub faces: Vec<u64>,
 }
 
 /// Kinds of defects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DefectKind {
-    /// Two faces pass through each other.
+    /// Two faces intersect.
     Crossing,
-    /// Two faces lie on each other, turned the same way.
+    /// Two faces overlap and have the same orientation.
     Overlap,
-    /// The surface goes around this place so many times, where 0 or 1 is right: bodies overlap, or are inside out.
+    /// The surface has this winding number, where 0 or 1 is valid: bodies overlap, or are inside
+    /// out.
     Winding(i32),
-    /// A chain of edges, of so many corners, that have a face on one side only.
+    /// A chain of this many edges that have a face on one side only.
     Boundary(usize),
 }
 
 impl BuildReport {
-    /// The error of a surface with these defects, of a model in a file.
+    /// Returns the error of a surface with these defects, for the model file `path`.
     pub fn error(&self, path: &Path, what: &str, advice: &str) -> Error {
         Error::NotASolid {
             path: path.to_path_buf(),
@@ -75,16 +76,16 @@ impl fmt::Display for Defect {
     }
 }
 
-/// Coordinates for people.
+/// Formats coordinates with single precision.
 pub fn show_place(point: [f64; 3]) -> String {
     let [x, y, z] = point.map(|at| (at as f32).to_string());
     format!("{x}, {y}, {z}")
 }
 
-/// The first defects of a part of space.
+/// The first defects of a subtree.
 #[derive(Default)]
 pub(super) struct Defects {
-    /// Place in half units of the grid, and source numbers of faces to come.
+    /// Positions in grid units, and face numbers.
     pub(super) list: Vec<Found>,
     pub(super) count: u64,
 }
@@ -110,7 +111,7 @@ impl Found {
 
 impl Defects {
     pub(super) fn push(&mut self, found: Found) {
-        // (A pair of faces is looked at in every cell that both cut.)
+        // (A pair of faces is tested in every cell that both cut.)
         if self
             .list
             .iter()
@@ -124,7 +125,7 @@ impl Defects {
         }
     }
 
-    /// Whether it makes no difference whether there are more.
+    /// Returns whether further defects make no difference.
     pub(super) fn are_enough(&self) -> bool {
         self.count >= ENOUGH
     }

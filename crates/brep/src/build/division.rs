@@ -1,13 +1,16 @@
-//! Division of a cell: which of its children a face cuts, and how winding numbers change between their corners.
+//! Division of a cell: the children that a face cuts, and the changes of winding numbers between
+//! their corners.
 
 use super::cells::Cell;
 use crate::exact::crossing::{FinePoint, Outline};
 use crate::geometry::{Box3, GridPolygon, Stage, Stages, triangle};
 
-/// The ways from the least corner of a cell's first child to those of the others: child from, child to, axis.
+/// Paths from the first child's minimum corner to those of the other children: from child, to
+/// child, axis.
 ///
-/// Invariant: each begins where one before it has ended, the first at the cell's own corner, and one leads to each
-/// child. Winding numbers are added up in this order: a child before its beginning would get that of another.
+/// Invariant: each path begins where an earlier one ended, the first at the cell's own corner, and
+/// one ends at each child. Winding numbers are accumulated in this order; a path that begins too
+/// early would use a wrong one.
 const WAYS: [(usize, usize, usize); 7] =
     [(0, 4, 2), (0, 2, 1), (4, 6, 1), (0, 1, 0), (2, 3, 0), (4, 5, 0), (6, 7, 0)];
 
@@ -24,27 +27,30 @@ const _: () = {
 /// The lower children along each axis, as bits.
 const LOWER: [u8; 3] = [0b0101_0101, 0b0011_0011, 0b0000_1111];
 
-/// Corners of the children, and the middle of a cell: what a cell is divided with.
+/// Corners of the children, and the centre of a cell.
 pub(super) struct Division {
     /// In half units of the grid.
     min: [i64; 3],
     half: i64,
-    /// The greatest points of the grid below the least corner, and below the middle. Walls lie between points.
+    /// The largest grid points below the minimum corner, and below the centre. Walls are between
+    /// grid points.
     below_min: [i32; 3],
     below_middle: [i32; 3],
 }
 
-/// Reach of a face that cuts a cell, by its bounds.
+/// The reach of a face that cuts a cell, by its bounds.
 #[derive(Clone, Copy)]
 pub(super) struct Reach {
     /// Children, as bits.
     children: u8,
-    /// Along each axis, whether it spans the coordinate of the lower children's least corners, and the upper ones'.
+    /// Along each axis, whether the face spans the minimum corners' coordinate of the lower
+    /// children, and of the upper ones.
     spans: [[bool; 2]; 3],
 }
 
 impl Reach {
-    /// The child of a face that reaches no other: what cuts the cell cuts that child, untested.
+    /// Returns the child of a face that reaches no other: a face that cuts the cell cuts this child
+    /// without further tests.
     #[inline]
     pub(super) fn only_child(self, stages: &mut Stages) -> Option<u8> {
         stages.apart[Stage::Boxes as usize] += u64::from(self.children.count_zeros());
@@ -58,20 +64,21 @@ impl Division {
     pub(super) fn of(cell: &Cell, bits: u8) -> Division {
         let (min, width) = cell.bounds(bits);
         let half = width / 2;
-        // Invariant: walls of cells and of their children lie in the middle between points of the grid: at
-        // odd half units, as long as cells of one step are not divided. So no corner lies on a wall: it is in
-        // one child, and comparing with the greatest points below a wall is enough to tell in which.
+        // Invariant: the walls of cells and their children are halfway between grid points, at odd
+        // half units, as long as cells of one grid unit are not divided. So no vertex is on a wall:
+        // it is in exactly one child, which comparisons with the largest grid points below the
+        // walls determine.
         debug_assert!(half >= 2);
         let below = |at: i64| at.div_euclid(2) as i32;
         Division { min, half, below_min: min.map(below), below_middle: min.map(|min| below(min + half)) }
     }
 
-    /// The least corner of a child.
+    /// Returns the minimum corner of a child.
     fn corner(&self, child: usize) -> [i64; 3] {
         std::array::from_fn(|axis| self.min[axis] + if child >> axis & 1 == 1 { self.half } else { 0 })
     }
 
-    /// Finds the reach of a face that cuts the cell and has these bounds, in grid units.
+    /// Returns the reach of a face that cuts the cell and has these bounds, in grid units.
     #[inline]
     pub(super) fn reach(&self, [low, high]: &[[i32; 3]; 2]) -> Reach {
         let mut reach = Reach { children: 0xff, spans: [[false; 2]; 3] };
@@ -84,7 +91,8 @@ impl Division {
         reach
     }
 
-    /// Which children a triangle cuts that reaches several, as bits: the five-stage test, for all of them at once.
+    /// Returns the children that a triangle cuts, as bits, if it reaches several: the five-stage
+    /// test, for all of them at once.
     #[inline]
     pub(super) fn children_of_triangle(
         &self,
@@ -93,7 +101,7 @@ impl Division {
         normal: [i64; 3],
         stages: &mut Stages,
     ) -> u8 {
-        // From the cell's middle. No corner lies on a wall of the cell or of a child.
+        // Relative to the cell's centre. No vertex is on a wall of the cell or of a child.
         let middle = self.min.map(|min| min + self.half);
         let points = corners.map(|corner| [0, 1, 2].map(|axis| 2 * i64::from(corner[axis]) - middle[axis]));
         let mut children = 0u8;
@@ -114,7 +122,7 @@ impl Division {
         children
     }
 
-    /// Which children a polygon cuts that reaches several, as bits.
+    /// Returns the children that a polygon cuts, as bits, if it reaches several.
     pub(super) fn children_of_polygon(&self, reach: Reach, polygon: &GridPolygon, stages: &mut Stages) -> u8 {
         let mut children = 0;
         each_bit(reach.children, |child| {
@@ -126,7 +134,8 @@ impl Division {
         children
     }
 
-    /// Adds the changes of the winding number that a face makes on each of the ways between the children's corners.
+    /// Adds a face's changes of the winding number on each of the paths between the children's
+    /// corners.
     #[inline]
     pub(super) fn count_changes<'a>(
         &self,
@@ -134,10 +143,11 @@ impl Division {
         outline: impl FnOnce() -> Outline<'a>,
         changes: &mut [i32; 7],
     ) {
-        // Invariant: the faces of a cell are all that change winding numbers on these ways. Corners are moved
-        // to greater coordinates, so that ways along the walls of the cell run inside of it. If a face were
-        // missed that touches the cell from outside, all below the child would be inside out.
-        // Most faces meet no way: these lie along two coordinates of corners.
+        // Invariant: only the faces of a cell change winding numbers on these paths. Corners are
+        // perturbed towards larger coordinates, so paths along the cell's walls run inside of it.
+        // If a face was missed that touches the cell from outside, the whole child would be inside
+        // out.
+        // Most faces cross no path, since paths are at two corner coordinates.
         if reach.spans.iter().filter(|[low, high]| low | high).count() < 2 {
             return;
         }
@@ -150,7 +160,7 @@ impl Division {
         }
     }
 
-    /// The children of a cell with these changes on the ways between their corners.
+    /// Returns the children of a cell, given the changes on the paths between their corners.
     pub(super) fn cells(cell: &Cell, changes: [i32; 7]) -> [Cell; 8] {
         let mut windings = [cell.winding; 8];
         for (way, (from, to, _)) in WAYS.into_iter().enumerate() {
@@ -160,7 +170,7 @@ impl Division {
     }
 }
 
-/// Calls a function with the place of each bit that is set.
+/// Calls a function with the index of each bit that is set.
 #[inline]
 pub(super) fn each_bit(mut bits: u8, mut each: impl FnMut(usize)) {
     while bits != 0 {

@@ -1,20 +1,21 @@
-//! Equal faces of a cell, found by their corners.
+//! Detection of equal faces in a cell, by their vertices.
 
 use std::collections::HashMap;
 
 use super::items::Items;
 
-/// The faces of a list that are equal to one before them: the same corners in the same order, wherever it begins.
+/// The faces of a list that are equal to an earlier one: the same vertices in the same cyclic
+/// order.
 ///
-/// Where a part is at one place very often, as in files of objects that are all the same, all pairs of faces touch: that faces are equal is
-/// known without their pairs.
+/// If a part is repeated very often in one position, as in files of identical objects, all pairs of
+/// its faces touch. Equal faces are found without testing pairs.
 pub(super) struct EqualFaces {
-    /// For each face, the first one that is equal to it; nothing if there are no two.
+    /// For each face, the first equal one; empty if no two are equal.
     first: Vec<usize>,
 }
 
 impl EqualFaces {
-    /// Finds the equal ones among some faces; among few, the checks of pairs find them.
+    /// Finds the equal faces of a list. In short lists, they are found by the pair tests instead.
     pub(super) fn of(items: &Items, list: &[u32]) -> EqualFaces {
         const MANY: usize = 64;
         if list.len() <= MANY {
@@ -34,7 +35,7 @@ impl EqualFaces {
         EqualFaces { first: if are_all_new { Vec::new() } else { first } }
     }
 
-    /// The face before this one that is equal to it, by its place.
+    /// Returns the index of the earlier face that is equal to this one.
     #[inline]
     pub(super) fn before(&self, place: usize) -> Option<usize> {
         self.first.get(place).copied().filter(|first| *first != place)
@@ -49,7 +50,8 @@ mod tests {
     use crate::build::{Defect, DefectKind, ModelBuilder};
     use crate::{Face, FaceList, Faces, Grid};
 
-    /// A part that is at one place 4,000 times has 128 million pairs of faces in each of many cells, of which none has all corners.
+    /// A part that is repeated 4,000 times has 128 million pairs of faces in each of many cells,
+    /// none of which has all vertices.
     #[test]
     fn parts_that_are_there_very_often_are_found_without_their_pairs() {
         const CORNERS: [[i32; 3]; 4] = [[0, 0, 0], [4000, 0, 0], [0, 4000, 0], [0, 0, 4000]];

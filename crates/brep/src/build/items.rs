@@ -1,4 +1,4 @@
-//! Faces of a part of space, in memory, with what the tests against octants and each other need.
+//! Faces of a subtree in memory, with the data for tests against octants and other faces.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,10 +15,10 @@ use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 
-/// Faces, in the order of the cells in which their middles lie: neighbours in space are neighbours in memory.
+/// Faces in the Z-order of their centres: neighbours in space are neighbours in memory.
 #[derive(Default)]
 pub(super) struct Items {
-    /// Least and greatest coordinates, which are looked at most.
+    /// Minimum and maximum coordinates, which are read most often.
     bounds: Vec<[[i32; 3]; 2]>,
     list: Vec<Item>,
     polygons: Vec<Arc<PolygonItem>>,
@@ -27,16 +27,16 @@ pub(super) struct Items {
 /// A face.
 struct Item {
     normal: [i64; 3],
-    /// A triangle; of other faces the first triangle that is cut from it.
+    /// The triangle; for other faces, the first triangle of the triangulation.
     piece: Piece,
     face: u32,
-    /// Place among the polygons; [`TRIANGLE`] for triangles.
+    /// Index into the polygons; [`TRIANGLE`] for triangles.
     polygon: u32,
 }
 
 const TRIANGLE: u32 = u32::MAX;
 
-/// A face that is no triangle.
+/// A face that is not a triangle.
 struct PolygonItem {
     points: Vec<[i32; 3]>,
     ring_ends: Vec<usize>,
@@ -45,25 +45,26 @@ struct PolygonItem {
     triangles: Vec<Piece>,
 }
 
-/// Polygons of many corners that come again, by the numbers of their faces: walls of many holes are cut into triangles once for all leaves
-/// of a base.
+/// Cache of polygons with many vertices, by face number: a wall with many holes is triangulated
+/// once for all leaves of a base.
 ///
-/// Invariant: numbers are those of the file that is built, in which each is one face's. Faces of a base that go have the base's numbers,
-/// and are not asked for here.
+/// Invariant: numbers are those of the file that is being built, where each belongs to one face.
+/// Removed faces have the base's numbers, and are not looked up here; they would otherwise be
+/// mistaken for other faces.
 pub(super) struct LargePolygons {
     known: HashMap<u32, Arc<PolygonItem>>,
-    /// Corners of all.
+    /// Vertices of all polygons.
     corners: usize,
     most_corners: usize,
 }
 
 impl LargePolygons {
-    /// Corners of a polygon that is large.
+    /// Minimum number of vertices of a large polygon.
     const LARGE: usize = 64;
-    /// Bytes of memory of a corner, about: it has a triangle, and two planes.
+    /// Approximate bytes of memory per vertex: it has a triangle, and two planes.
     const CORNER: u64 = 256;
 
-    /// None so far, and never more than fit into so many bytes.
+    /// Creates a cache of at most `memory` bytes.
     pub(super) fn new(memory: u64) -> LargePolygons {
         let most_corners = (memory / LargePolygons::CORNER) as usize;
         LargePolygons { known: HashMap::new(), corners: 0, most_corners }
@@ -87,7 +88,8 @@ impl LargePolygons {
     }
 }
 
-/// Bytes of a triangle that is brought to memory: its words, its place in the order, itself, and in lists of cells.
+/// Bytes of a triangle in memory: its words, its sort key, the item, and its share of the cells'
+/// lists.
 pub(super) const ITEM: usize =
     4 * TRIANGLE_WORDS + size_of::<(u64, u32)>() + size_of::<Item>() + size_of::<[[i32; 3]; 2]>() + 16;
 
@@ -95,15 +97,15 @@ pub(super) const ITEM: usize =
 const ONE_RING: [usize; 1] = [3];
 
 impl Items {
-    /// Takes faces to memory. They are planar and have an area.
+    /// Loads faces into memory. They are planar and have an area.
     pub(super) fn of(run: Run) -> Result<Items> {
         Items::with(run, &mut LargePolygons::new(0))
     }
 
-    /// [`Items::of`], of faces of which some may be known already.
+    /// Does the same as [`Items::of`], but uses polygons of the cache.
     pub(super) fn with(run: Run, large: &mut LargePolygons) -> Result<Items> {
         let words = run.into_words()?;
-        // Spreading has room for 21 bits of each coordinate; the lowest ones do not matter for being near.
+        // Spreading allows 21 bits per coordinate; the lowest bits do not matter for locality.
         let spread = |at: i32| morton_encode(Dimension::Oct, at as u32 >> (MAX_BITS - 21));
         let code = |[low, high]: [[i32; 3]; 2]| {
             let [x, y, z] = [0, 1, 2].map(|axis| spread((low[axis] + high[axis]) / 2));
@@ -116,13 +118,14 @@ impl Items {
                 Some(corners) => bounds_of(&corners),
                 None => bounds_of(&face.rings().0),
             };
-            // Invariant: no two faces are equal in this order, which does not depend on the number of
-            // threads: codes may be the same, places are not. Lists of cells, and so files, are in it.
+            // Invariant: the sort keys are distinct, since faces with equal codes have different
+            // positions. So the order, which cell lists and files depend on, does not depend on the
+            // number of threads.
             order.push(u128::from(code(bounds)) << 32 | place as u128);
             place += face.0.len();
         }
         debug_assert!(u32::try_from(place).is_ok());
-        // (They come in the order of their numbers.)
+        // (Keys ascend with the position of equal codes.)
         sort::numbers128(&mut order);
         let mut items = Items {
             bounds: Vec::with_capacity(order.len()),
@@ -158,7 +161,7 @@ impl Items {
         self.list.len()
     }
 
-    /// The number of a face.
+    /// Returns the number of a face.
     #[inline]
     pub(super) fn face(&self, item: u32) -> u32 {
         self.list[item as usize].face
@@ -170,7 +173,7 @@ impl Items {
         PlaneAt { normal: *normal, point: piece.corners[0] }
     }
 
-    /// Least and greatest coordinates of a face.
+    /// Returns the minimum and maximum coordinates of a face.
     #[inline]
     pub(super) fn bounds(&self, item: u32) -> &[[i32; 3]; 2] {
         &self.bounds[item as usize]
@@ -185,7 +188,7 @@ impl Items {
         }
     }
 
-    /// Which children of a cell a face cuts that cuts the cell, as bits.
+    /// Returns the children of a cell that a face cuts, as bits, if the face cuts the cell.
     #[inline]
     pub(super) fn children(&self, item: u32, reach: Reach, division: &Division, stages: &mut Stages) -> u8 {
         if let Some(child) = reach.only_child(stages) {
@@ -208,7 +211,7 @@ impl Items {
         }
     }
 
-    /// The face as triangles.
+    /// Returns the face's triangles.
     #[inline]
     pub(super) fn triangles(&self, item: u32) -> &[Piece] {
         let item = &self.list[item as usize];
@@ -218,7 +221,7 @@ impl Items {
         }
     }
 
-    /// Corners of a face.
+    /// Returns the face's vertices.
     pub(super) fn points(&self, item: u32) -> &[[i32; 3]] {
         let item = &self.list[item as usize];
         match self.polygon(item) {
@@ -227,19 +230,19 @@ impl Items {
         }
     }
 
-    /// A point inside a face that lies on no wall between cells.
+    /// Returns a point inside a face that is not on a wall between cells.
     #[inline]
     pub(super) fn sample(&self, item: u32) -> FinePoint {
         sample(&self.list[item as usize].piece.corners)
     }
 }
 
-/// Bits behind the point of most samples.
+/// Fraction bits of most samples.
 const SAMPLE_BITS: u32 = 5;
 
-/// A point inside a triangle that lies on no wall between cells.
+/// Returns a point inside a triangle that is not on a wall between cells.
 fn sample([a, b, c]: &[[i32; 3]; 3]) -> FinePoint {
-    /// Odd enough for coordinates that have many factors of 2.
+    /// Odd enough for coordinates with many factors of 2.
     const WEIGHTS: [[i64; 3]; 12] = [
         [11, 13, 8],
         [7, 12, 13],
@@ -257,14 +260,14 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> FinePoint {
     let mut points = WEIGHTS.iter().map(|[u, v, w]| {
         [0, 1, 2].map(|axis| u * i64::from(a[axis]) + v * i64::from(b[axis]) + w * i64::from(c[axis]))
     });
-    // Walls lie in the middle between points of the grid.
+    // Walls are halfway between grid points.
     let half = (1i64 << SAMPLE_BITS) / 2;
     let is_off = |at: &[i64; 3]| at.iter().all(|at| at & ((1 << SAMPLE_BITS) - 1) != half);
     points.find(is_off).map_or_else(
         || {
-            // Invariant: half of the step between two points of the grid is more than two differences of coordinates
-            // there, in units of so many bits: so near to a corner there is no wall. (Of corners that are all
-            // multiples of 16, many points above lie on walls.)
+            // Invariant: in units of this many fraction bits, half a grid unit is more than the sum
+            // of two coordinate differences. So no wall is this close to a vertex. (If all
+            // coordinates are multiples of 16, many of the points above are on walls.)
             const BITS: u32 = MAX_BITS as u32 + 2;
             let at = [0, 1, 2].map(|axis| {
                 let [a, b, c] = [a, b, c].map(|corner| i64::from(corner[axis]));
@@ -276,7 +279,7 @@ fn sample([a, b, c]: &[[i32; 3]; 3]) -> FinePoint {
     )
 }
 
-/// Least and greatest coordinates of points, of which there is one at least.
+/// Returns the minimum and maximum coordinates of points, of which there must be at least one.
 pub(super) fn bounds_of(points: &[[i32; 3]]) -> [[i32; 3]; 2] {
     points.iter().fold([points[0]; 2], |[min, max], point| {
         [[0, 1, 2].map(|axis| min[axis].min(point[axis])), [0, 1, 2].map(|axis| max[axis].max(point[axis]))]
@@ -302,7 +305,8 @@ impl PolygonItem {
 mod tests {
     use super::*;
 
-    /// Triangles on coarse and fine lattices, up to the grid's ends: samples are inside of them, and on no wall.
+    /// Triangles on coarse and fine lattices, up to the grid's ends: samples are inside of them,
+    /// and not on a wall.
     #[test]
     fn samples_are_inside_and_on_no_wall() {
         let mut state = 7u64;

@@ -14,10 +14,10 @@ use crate::geometry::Stages;
 use crate::{FaceList, Faces};
 use spinney_base::{Error, Progress, Result};
 
-/// The first places where the surface of some faces bounds no body, as whoever builds a file of them finds them.
+/// Returns the first positions where the surface bounds no solid, the same as a build finds.
 ///
 /// # Errors
-/// If a face is none, or on interruption.
+/// If a face is invalid, or on cancellation.
 pub(crate) fn defects_of(faces: &FaceList, progress: &dyn Progress) -> Result<Vec<Defect>> {
     let grid = faces.grid();
     let mut check = FaceCheck::new(grid.bits);

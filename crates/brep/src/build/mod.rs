@@ -1,5 +1,5 @@
-//! Building of files: faces come one by one, become blocks of the file, and are divided among the cells of an octree,
-//! in bounded memory.
+//! Model builder: faces are added one by one, stored in blocks of the file, and distributed to the
+//! cells of an octree, in bounded memory.
 
 mod arena;
 mod base;
@@ -49,21 +49,22 @@ pub use self::defects::show_place;
 pub use self::defects::{Defect, DefectKind};
 pub(crate) use self::memory::defects_of;
 
-/// Faces that a cell may have and end, if nothing else is said: with more, files get little smaller and questions
-/// take longer; with fewer, cells are divided for nothing. (Bunny of 60,000 triangles: 277,000 nodes without, 68,000 with
-/// 12, 55,000 with 16.)
+/// Default maximum number of faces of a leaf. With more, files are hardly smaller and queries take
+/// longer; with less, cells are divided without benefit. (Bunny of 60,000 triangles: 277,000 nodes
+/// without a limit, 68,000 with 12, 55,000 with 16.)
 pub const LEAF_SIZE: usize = 12;
 
-/// Counts of a model that was built, and its defects: with any, no file was made.
+/// Statistics of a model that was built, and its defects. If a model without off-grid vertices has
+/// defects, no file is written.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuildReport {
     /// Nodes of the octree.
     pub nodes: NodeCounts,
-    /// By which tests faces were found to cut octants, or not.
+    /// Numbers of face-octant tests by their deciding stages.
     pub stages: Stages,
-    /// Places where the surface bounds no body: at most 100.
+    /// Positions where the surface bounds no solid: at most 100.
     pub defects: Vec<Defect>,
-    /// Number of all of these.
+    /// Number of all defects.
     pub defect_count: u64,
 }
 
@@ -73,15 +74,15 @@ pub struct ModelBuilder {
     grid: Grid,
     memory: u64,
     run: RunBuilder,
-    /// Faces of the base that go.
+    /// Removed faces of the base.
     removed: RunBuilder,
     near_removed: NearFaces,
     words: Vec<u32>,
     faces: u64,
-    /// Those of them that have an area.
+    /// Number of faces that have an area.
     wide: u64,
     stand_ins: u64,
-    /// The greatest number of a face's part.
+    /// The largest part number of a face.
     last_part: u32,
     leaf_size: usize,
     is_unbounded: bool,
@@ -94,11 +95,11 @@ pub struct ModelBuilder {
     check: FaceCheck,
 }
 
-/// Values of a face: names of columns, and JSON texts.
+/// Values of a face: column names, and JSON strings.
 pub type ColumnValues = Vec<(String, String)>;
 
 impl ModelBuilder {
-    /// Most columns of values of faces.
+    /// Maximum number of columns of face values.
     pub(crate) const MAX_COLUMNS: usize = MAX_NAMED as usize;
 
     /// Starts a file; about `memory` bytes are used.
@@ -135,18 +136,19 @@ impl ModelBuilder {
         })
     }
 
-    /// Chooses how many faces a cell may have and end, whatever their planes have in common. With 0 there are BOOLEAN
-    /// cells at the deepest level only, as in the extended octrees of the literature: several times as many cells.
+    /// Sets the maximum number of faces of a leaf whose planes do not share a point. With 0,
+    /// BOOLEAN cells occur only at the deepest level, as in the extended octrees of the literature:
+    /// several times as many cells.
     #[must_use]
     pub fn leaf_size(self, leaf_size: usize) -> ModelBuilder {
         ModelBuilder { leaf_size, ..self }
     }
 
-    /// Chooses how blocks, segments and tables are written: with [`Codec::Packed`] they take fewer bytes, and are unpacked when they are
-    /// used.
+    /// Sets the codec of blocks, segments and tables. With [`Codec::Packed`], they take fewer
+    /// bytes, and are decoded on use.
     ///
     /// # Panics
-    /// If faces were added already.
+    /// If faces were already added.
     #[must_use]
     pub fn codec(mut self, codec: Codec) -> ModelBuilder {
         assert!(self.writer.is_empty(), "the codec is that of all faces");
@@ -154,18 +156,20 @@ impl ModelBuilder {
         self
     }
 
-    /// Chooses whether what is far away belongs to the body, and the faces bound what does not.
+    /// Sets whether the body extends to infinity, so that the faces bound its cavities.
     #[must_use]
     pub fn unbounded(self, is_unbounded: bool) -> ModelBuilder {
         ModelBuilder { is_unbounded, ..self }
     }
 
-    /// Chooses how many steps faces may lie beside those that they stand in for, before there are any.
+    /// Sets the maximum distance between faces and their proxies in grid units, before any are
+    /// added.
     pub(super) fn reach(self, reach: u8) -> ModelBuilder {
         ModelBuilder { near: NearFaces::new(reach), near_removed: NearFaces::new(reach), ..self }
     }
 
-    /// Adds a face with corners beside the grid, for which others stand in: a file is then made even if those have defects.
+    /// Adds a face with off-grid vertices, which other faces are proxies of. A file is then written
+    /// even if the proxies have defects.
     ///
     /// # Errors
     /// If the file cannot be written, or the memory is not enough.
@@ -176,7 +180,7 @@ impl ModelBuilder {
         self.writer.exact_face(face)
     }
 
-    /// Fails if so many more faces with corners beside the grid are too much.
+    /// Fails if `more` additional faces with off-grid vertices exceed the memory.
     fn check_exact_room(&self, more: u64) -> Result<()> {
         let (needed, limit) = ((self.writer.exact_faces() + more) * NearFaces::BYTES, self.memory / 4);
         if needed <= limit {
@@ -191,22 +195,23 @@ impl ModelBuilder {
         })
     }
 
-    /// Gives the faces that are pushed from now on values by their sources ([`Face::source`]).
+    /// Sets the values of faces that are pushed from now on, by their sources ([`Face::source`]).
     #[must_use]
     pub fn values_by_source(self, values_by_source: BTreeMap<u64, ColumnValues>) -> ModelBuilder {
         ModelBuilder { values_by_source, ..self }
     }
 
-    /// Adds a face, whose number counts those before it. All corners lie in one plane, and its rings do not cross;
-    /// without an area it is kept, but bounds nothing.
+    /// Adds a face; faces are numbered in this order. All its vertices must be in one plane, and
+    /// its rings must not cross. A face without area is stored, but bounds nothing.
     ///
     /// # Errors
-    /// If it is no such face, if the file cannot be written, or if there are 2^32 faces.
+    /// If the face is invalid, if the file cannot be written, or if there are 2^32 faces.
     pub fn push(&mut self, face: &Face<'_>) -> Result<()> {
         self.push_face(face, false)
     }
 
-    /// Adds a face as [`ModelBuilder::push`] does, which may stand in for faces with corners beside the grid.
+    /// Adds a face as [`ModelBuilder::push`] does, which may be a proxy for faces with off-grid
+    /// vertices.
     pub(super) fn push_face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
         let Some(number) = self.write_face(face, is_proxy)? else { return Ok(()) };
         self.wide += 1;
@@ -215,16 +220,17 @@ impl ModelBuilder {
         self.run.push(FaceWords(&self.words))
     }
 
-    /// Adds a face as [`ModelBuilder::push_face`] does that stays as it is in the base: these come first, in the order
-    /// that they have there.
+    /// Adds a face of the base that is unchanged. These faces must be added first, in the base's
+    /// order.
     pub(super) fn push_kept(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
         self.write_face(face, is_proxy).map(|_| ())
     }
 
-    /// Adds a block of faces with corners beside the grid of the base that all stay, of parts of which none has a number above `last_part`.
+    /// Adds a block of off-grid faces of the base that are all kept; no part number is above
+    /// `last_part`.
     ///
     /// # Errors
-    /// Those of [`ModelBuilder::push_exact`].
+    /// As [`ModelBuilder::push_exact`].
     pub(super) fn push_kept_exact(&mut self, block: &ExactBlock<'_>, last_part: u32) -> Result<()> {
         self.check_exact_room(block.len() as u64)?;
         self.last_part = self.last_part.max(last_part);
@@ -232,7 +238,7 @@ impl ModelBuilder {
         self.writer.exact_block(block)
     }
 
-    /// Tells of a face of the base that does not stay; one without an area is in no cell.
+    /// Records a removed face of the base; a face without area is in no cell and is ignored.
     pub(super) fn remove(&mut self, face: &Face<'_>) -> Result<()> {
         if ring_normal(face.rings().next().unwrap_or_default()) == [0; 3] {
             return Ok(());
@@ -242,7 +248,7 @@ impl ModelBuilder {
         self.removed.push(FaceWords(&self.words))
     }
 
-    /// Tells of a face of the base with corners beside the grid that does not stay.
+    /// Records a removed face of the base with off-grid vertices.
     pub(super) fn remove_exact(&mut self, face: &ExactFace) {
         self.near_removed.push(face);
     }
@@ -265,15 +271,16 @@ impl ModelBuilder {
         self.stand_ins += u64::from(is_proxy);
         self.last_part = self.last_part.max(face.part);
         self.writer.face(&Face { number: number.into(), ..*face }, is_proxy)?;
-        // (Several faces may be of one source.)
+        // (Several faces may have the same source.)
         let values = self.values_by_source.get(&face.source).cloned().unwrap_or_default();
         values.iter().try_for_each(|(column, json)| self.face_value(column, json))?;
         Ok(has_area.then_some(number))
     }
 
-    /// Adds all faces of a surface with corners moved to the grid, and what of it is not exact. Progress counts faces.
+    /// Adds all faces of a surface with snapped vertices, and its exact faces. Progress counts
+    /// faces.
     pub(super) fn push_rounded(mut self, rounded: Rounded, progress: &dyn Progress) -> Result<ModelBuilder> {
-        /// Faces between two looks at whether to go on.
+        /// Number of faces between cancellation checks.
         const OFTEN: u64 = 1 << 12;
         self = self.reach(rounded.reach);
         let Rounded { faces, is_proxy, exact, .. } = rounded;
@@ -293,21 +300,21 @@ impl ModelBuilder {
         Ok(self)
     }
 
-    /// Number of the faces that were added, but for those with corners beside the grid.
+    /// Returns the number of added faces, without those with off-grid vertices.
     pub fn faces(&self) -> u64 {
         self.faces
     }
 
-    /// Whether faces with corners beside the grid were added.
+    /// Returns whether faces with off-grid vertices were added.
     pub fn is_beside_grid(&self) -> bool {
         self.writer.exact_faces() > 0
     }
 
-    /// Adds a part, in the order of their numbers, with a JSON object that says something of it, as
-    /// [`Attributes`](crate::Attributes) have them. A model without parts has one that is called `mesh`.
+    /// Adds a part with its attributes, a JSON object as in [`Attributes`](crate::Attributes).
+    /// Parts are numbered in this order. A model without parts gets one named `mesh`.
     ///
     /// # Errors
-    /// If the file cannot be written, or what is said has more than 16 MiB.
+    /// If the file cannot be written, or the name or the attributes have more than 16 MiB.
     pub fn part(&mut self, name: &str, attributes: Option<&str>) -> Result<()> {
         for text in [Some(name), attributes].into_iter().flatten() {
             self.check_length(text, "a name of a part, or what is said of it,")?;
@@ -316,21 +323,22 @@ impl ModelBuilder {
         objects.part(name, attributes, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
     }
 
-    /// Adds a JSON object that says something of a file that the model is made of.
+    /// Adds the metadata of a source file, a JSON object.
     ///
     /// # Errors
-    /// If the file cannot be written, or it has more than 16 MiB.
+    /// If the file cannot be written, or the object has more than 16 MiB.
     pub fn about_file(&mut self, text: &str) -> Result<()> {
         self.check_length(text, "what is said of a file")?;
         let ModelBuilder { writer, objects, .. } = self;
         objects.file(text, &mut |key, bytes| writer.piece(List::Objects, key, bytes))
     }
 
-    /// Gives the face that was pushed last a value, a JSON text, in a column with a name: one for each.
+    /// Sets a value, in JSON, of the last pushed face in a named column. A face has at most one
+    /// value per column.
     ///
     /// # Errors
-    /// If there is no face yet, if there are more than 4096 columns, if the file cannot be written, or the value has more than
-    /// 16 MiB.
+    /// If there is no face yet, if there are more than 4096 columns, if the file cannot be written,
+    /// or the value has more than 16 MiB.
     pub fn face_value(&mut self, column: &str, json: &str) -> Result<()> {
         self.check_length(json, "a value of a face")?;
         let name = serde_json::Value::from(vec![column]).to_string();
@@ -338,7 +346,7 @@ impl ModelBuilder {
         let Some(number) = number else {
             return Err(Error::invalid("column", column, "at most 4096, and a face before its values"));
         };
-        // (The builder has refused numbers of more bits.)
+        // (Larger face numbers were rejected by `write_face`.)
         let face = (self.faces - 1) as u32;
         let ModelBuilder { writer, face_values, .. } = self;
         let take = &mut |key, bytes: &[u8]| writer.piece(List::FaceValues, key, bytes);
@@ -358,16 +366,17 @@ impl ModelBuilder {
         })
     }
 
-    /// Tells the formula that the model is made by.
+    /// Sets the formula that the model is computed by.
     pub(super) fn formula(self, formula: String) -> ModelBuilder {
         ModelBuilder { formula, ..self }
     }
 
-    /// Builds the octree and puts the file in its place, on the threads of the current rayon pool; with defects
-    /// there is no file. `complete` adds to the metadata what is known only now.
+    /// Builds the octree and completes the file, on the threads of the current rayon pool. If the
+    /// faces have defects and none are off-grid, no file is written. `complete` adds metadata that
+    /// is only known at the end.
     ///
     /// # Errors
-    /// If a face is of a part that was not added, if the file cannot be written, or on interruption.
+    /// If a face's part was not added, if the file cannot be written, or on cancellation.
     pub fn finish(
         self,
         metadata: &mut Metadata,
@@ -377,7 +386,8 @@ impl ModelBuilder {
         self.finish_with(None, metadata, progress, complete)
     }
 
-    /// [`ModelBuilder::finish`] where some faces are those of a base, with the grid that this one has.
+    /// Does the same as [`ModelBuilder::finish`], if some faces are those of a base with the same
+    /// grid.
     pub(super) fn finish_with(
         self,
         base: Option<&BaseModel<'_>>,
@@ -441,7 +451,7 @@ impl ModelBuilder {
                 upper.change_run(base, (&root, &node), runs, [&near[0], &near[1]], &mut arena)?
             }
         };
-        // The root owns a segment in any case.
+        // The root always has its own segment.
         if word != CUT {
             arena.cut(Code::root(Dimension::Oct), mark, word);
         }

@@ -1,7 +1,7 @@
-//! Whether two triangles are in each other's way: exact, in integers.
+//! Contacts of two triangles: exact, in integers.
 //!
-//! Faces of a body may touch: along edges, in corners, and where two bodies have a wall in common, turned to
-//! opposite sides. They may not pass through each other, nor lie on each other turned to the same side.
+//! Faces of a body may touch along edges, in vertices, and where two bodies share a wall, with
+//! opposite orientation. They must not intersect, or overlap with the same orientation.
 
 use std::cmp::Ordering;
 
@@ -16,11 +16,11 @@ pub(super) type Triangle = [[i32; 3]; 3];
 /// Contact of two triangles.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Contact {
-    /// Nothing that is wrong.
+    /// No defect.
     Fine,
     Wrong(DefectKind),
-    /// An edge, `through`, meets another, `across`, in a point between the ends of both. Whether that is wrong depends on the
-    /// faces at that other edge: see [`passes`].
+    /// An edge, `through`, meets another one, `across`, in a point that is inside of both. Whether
+    /// that is a defect depends on the faces at the edge `across`: see [`passes`].
     Edges {
         through: [[i32; 3]; 2],
         across: [[i32; 3]; 2],
@@ -39,12 +39,13 @@ impl Plane {
         Plane { through: triangle[0], normal: ring_normal(triangle) }
     }
 
-    /// The side on which a point lies: 1 where the triangle is counterclockwise, 0 on the plane.
+    /// Returns the side on which a point is: 1 where the triangle is counterclockwise, 0 on the
+    /// plane.
     #[inline]
     fn side(&self, point: [i32; 3]) -> i32 {
         let Plane { through, normal } = self;
         let from = subtract(point.map(i64::from), through.map(i64::from));
-        // The normal is exact, its products with a difference are rounded.
+        // The normal is an exact double; its products with a difference are rounded.
         let parts = [0, 1, 2].map(|axis| normal[axis] as f64 * from[axis] as f64);
         let sum = parts[0] + parts[1] + parts[2];
         if sum.abs() > (parts[0].abs() + parts[1].abs() + parts[2].abs()) * TRIANGLE_HEIGHT_ROUNDING {
@@ -54,21 +55,22 @@ impl Plane {
     }
 }
 
-/// The sign of the volume of the tetrahedron of four points: 1 where the last one is on the side from which the
-/// first three are counterclockwise.
+/// Returns the sign of the volume of a tetrahedron: 1 if the last point is on the side from which
+/// the first three are counterclockwise.
 #[inline]
 fn orientation(a: [i32; 3], b: [i32; 3], c: [i32; 3], d: [i32; 3]) -> i32 {
     Plane::of(&[a, b, c]).side(d)
 }
 
-/// Which corners of two triangles are the same: a bit for each pair of them, the first triangle's counting by three.
+/// Common vertices of two triangles: bit `3 * i + j` is set if vertex `i` of the first equals
+/// vertex `j` of the second.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct Shared(u16);
 
 impl Shared {
     #[inline]
     pub(super) fn of(a: &Triangle, b: &Triangle) -> Shared {
-        // (Without branches, which would be as often wrong as right.)
+        // (Without branches, which would be unpredictable.)
         let same = |pair: usize| u16::from(a[pair / 3] == b[pair % 3]) << pair;
         Shared((0..9).map(same).sum())
     }
@@ -78,25 +80,25 @@ impl Shared {
         self.0 >> corner_of_b & 0b001_001_001 != 0
     }
 
-    /// The corner of each that is the same, if there is just one.
+    /// Returns the only common vertex, as the index in each triangle.
     #[inline]
     fn only(self) -> Option<(usize, usize)> {
         let pair = self.0.trailing_zeros() as usize;
         self.0.is_power_of_two().then_some((pair / 3, pair % 3))
     }
 
-    /// Whether all of them are such as are asked for.
+    /// Returns whether all common vertices pass a test.
     #[inline]
     pub(super) fn all(self, b: &Triangle, is_such: impl Fn([i32; 3]) -> bool) -> bool {
         self.0 == 0 || (0..3).all(|corner| !self.has(corner) || is_such(b[corner]))
     }
 }
 
-/// Finds the contact of two triangles that have an area, and these corners in common.
+/// Returns the contact of two triangles that have an area and these common vertices.
 pub(super) fn contact(first: &Piece, second: &Piece, shared: Shared) -> Contact {
     let (a, b) = (&first.corners, &second.corners);
     let plane_of_a = Plane::of(a);
-    // The sides of shared corners are known.
+    // Common vertices are on the plane.
     let side_of_b = |corner: usize| if shared.has(corner) { 0 } else { plane_of_a.side(b[corner]) };
     let of_b = [0, 1, 2].map(side_of_b);
     if of_b == [0; 3] {
@@ -106,7 +108,7 @@ pub(super) fn contact(first: &Piece, second: &Piece, shared: Shared) -> Contact 
         let crosses = wedges_cross(a, b, of_b, pair);
         return if crosses { Contact::Wrong(DefectKind::Crossing) } else { Contact::Fine };
     }
-    // Planes that are not the same meet in the line of a common edge, and nowhere else.
+    // Different planes through a common edge meet only in the edge's line.
     if shared != Shared(0) || all_on_one_side(of_b) {
         return Contact::Fine;
     }
@@ -126,7 +128,7 @@ fn all_on_one_side(sides: [i32; 3]) -> bool {
     x == y && y == z && x != 0
 }
 
-/// Finds the contact of the edges of `b` with `a`; `sides` are those of `b`'s corners.
+/// Returns the contact of `b`'s edges with `a`; `sides` are those of `b`'s vertices.
 fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
     let mut found = Contact::Fine;
     for i in 0..3 {
@@ -139,7 +141,7 @@ fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
         if all_on_one_side(around) {
             return Contact::Wrong(DefectKind::Crossing);
         }
-        // Through one edge of it, between the ends.
+        // Through one of its edges, between the ends.
         let Some(edge) = (0..3).find(|k| around[*k] == 0) else { continue };
         let (next, last) = (around[(edge + 1) % 3], around[(edge + 2) % 3]);
         if next != last || next == 0 {
@@ -154,8 +156,9 @@ fn edges_cross(a: &Piece, b: &Piece, sides: [i32; 3]) -> Contact {
     found
 }
 
-/// The triangle that is at the other end of what is behind a triangle at one of its edges: of those that have the edge the other way
-/// round, the first that is met by who turns around it there. (Bodies that touch have more than two faces at an edge.)
+/// Returns the triangle that bounds the same body at an edge: of those with the opposite edge, the
+/// first one in the turn from the triangle's back around the edge. (Touching bodies have more than
+/// two faces at an edge.)
 pub(super) fn twin<'a>(
     one: &Triangle,
     edge: [[i32; 3]; 2],
@@ -166,7 +169,8 @@ pub(super) fn twin<'a>(
     let normal = |c: [i32; 3]| ring_normal(&[edge[0], edge[1], c]);
     let is_opposite =
         |point: [i32; 3]| (0..3).any(|k| normal(own)[k].signum() * normal(point)[k].signum() < 0);
-    // Less than half a turn, half of one, more. What lies on the triangle belongs to another body.
+    // Less than half a turn, half a turn, more. A triangle that coincides with this one belongs to
+    // another body.
     let turn = |point: [i32; 3]| match orientation(one[0], one[1], one[2], point) {
         side if side < 0 => Some(0),
         0 => is_opposite(point).then_some(1),
@@ -182,8 +186,8 @@ pub(super) fn twin<'a>(
     })
 }
 
-/// Whether an edge that meets the common edge of two triangles, in a point between the ends of both, passes there from
-/// one side of their surface to the other.
+/// Returns whether an edge that meets the common edge of two triangles, in a point that is inside
+/// of both edges, crosses their surface there.
 pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle) -> bool {
     // The surface is bent along the edge to the inside, to the outside, or not at all.
     let bend = other.iter().map(|point| orientation(one[0], one[1], one[2], *point)).find(|side| *side != 0);
@@ -195,15 +199,15 @@ pub(super) fn passes([from, to]: [[i32; 3]; 2], one: &Triangle, other: &Triangle
             None => behind(one),
         }
     };
-    // (Who goes along one of the triangles leaves the decision to other edges.)
+    // (An edge along one of the triangles is decided by other edges.)
     let is_along = |point: [i32; 3]| [one, other].iter().any(|t| orientation(t[0], t[1], t[2], point) == 0);
     !is_along(from) && !is_along(to) && is_inside(from) != is_inside(to)
 }
 
-/// Whether two triangles that share corner `i` of the one and `j` of the other, and nothing else, pass through each
-/// other from there; `of_b` are the sides of the other's corners.
+/// Returns whether two triangles that share only vertex `i` of the one and `j` of the other
+/// intersect at that vertex; `of_b` are the sides of the other's vertices.
 fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usize)) -> bool {
-    // Each has to have corners on both sides of the other.
+    // Each must have vertices on both sides of the other.
     let (i1, i2, j1, j2) = ((i + 1) % 3, (i + 2) % 3, (j + 1) % 3, (j + 2) % 3);
     if of_b[j1] * of_b[j2] >= 0 {
         return false;
@@ -212,9 +216,9 @@ fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usiz
     if plane_of_b.side(a[i1]) * plane_of_b.side(a[i2]) >= 0 {
         return false;
     }
-    // The planes' common line leaves the corner into each of them, in one direction or in opposite ones. Where it
-    // meets the opposite edge is a mean of the edge's ends, weighted with the distances of the other one from the
-    // other triangle's plane.
+    // From the vertex, the planes' common line enters each triangle, in the same or in opposite
+    // directions. It meets the opposite edge at a mean of the edge's ends. Each end is weighted by
+    // the distance of the other one from the other triangle's plane.
     let direction = |t: &Triangle, at: usize, first: usize, second: usize, other: &Triangle| {
         let height = |point: [i32; 3]| -> i128 {
             dot(ring_normal(other).map(i128::from), subtract(point.map(i128::from), other[0].map(i128::from)))
@@ -229,7 +233,7 @@ fn wedges_cross(a: &Triangle, b: &Triangle, of_b: [i32; 3], (i, j): (usize, usiz
     (0..3).any(|k| along_a[k].signum() * along_b[k].signum() > 0)
 }
 
-/// Whether two triangles of one plane that are turned the same way have an area in common.
+/// Returns whether two coplanar triangles of the same orientation share an area.
 fn overlap(a: &Triangle, b: &Triangle) -> bool {
     let (normal_a, normal_b) = (ring_normal(a), ring_normal(b));
     let axis = main_axis(normal_a);
@@ -240,7 +244,8 @@ fn overlap(a: &Triangle, b: &Triangle) -> bool {
     if normal_a[axis] < 0 {
         (u, v) = (v, u);
     }
-    // Convex and counterclockwise now: they have no area in common if one lies beyond an edge of the other.
+    // Both are convex and counterclockwise in this projection: they share no area if one is beyond
+    // an edge of the other.
     let beyond_an_edge = |a: &Triangle, b: &Triangle| {
         (0..3).any(|i| {
             let (p, q) = (a[i], a[(i + 1) % 3]);
@@ -269,14 +274,14 @@ mod tests {
             }
         };
         let found = conflict(a, b);
-        // The order, and where a triangle begins, do not matter.
+        // The order, and the start of a triangle, do not matter.
         assert_eq!(conflict(b, a), found);
         assert_eq!(conflict(&[a[1], a[2], a[0]], &[b[2], b[0], b[1]]), found);
         assert_eq!(conflict(&[a[1], a[0], a[2]], &[b[1], b[0], b[2]]), found);
         found
     }
 
-    /// Two boxes side by side have four faces at an edge of their wall.
+    /// Two adjacent boxes have four faces at an edge of their common wall.
     #[test]
     fn twins_are_those_of_the_same_body() {
         let edge = [[0, 0, 0], [0, 8, 0]];
@@ -288,7 +293,7 @@ mod tests {
             [edge[1], edge[0], [-8, 4, 0]],
             [edge[1], edge[0], [8, 4, -8]],
         ];
-        // (Behind the wall is where x is more.)
+        // (On the inner side of the wall, x is larger.)
         assert!(orientation(wall[0], wall[1], wall[2], [1, 0, 0]) < 0);
         let of = |others: &[Triangle]| twin(&wall, edge, others.iter()).copied();
         assert_eq!(of(&[coincident, front, top, its_top]), Some(top));
@@ -339,10 +344,10 @@ mod tests {
         }
     }
 
-    /// An edge through an edge is wrong if it comes from the inside.
+    /// An edge through an edge is a defect if it comes from the inside.
     #[test]
     fn edges_that_meet_edges() {
-        // A ridge along y, and what leads over it, into it, and through the middle of a flat one.
+        // A ridge along y, with segments over it, into it, and through the middle of a flat one.
         let [one, other] = [[[0, -9, 0], [9, 0, -9], [0, 9, 0]], [[0, 9, 0], [-9, 0, -9], [0, -9, 0]]];
         let flat = [[0, 9, 0], [-9, 0, 9], [0, -9, 0]];
         let over = [[-5, 0, 0], [5, 0, 0]];

@@ -1,4 +1,4 @@
-//! Lists of faces of a part of space, in memory or in a temporary file where they are too many.
+//! Face lists of a subtree, in memory, or in a temporary file if they are too long.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -6,8 +6,8 @@ use std::sync::Arc;
 use spinney_base::Result;
 use spinney_base::io::{Spool, SpooledWords, WordSpooler};
 
-/// A face as words: its number; how many corners it has; if these are more than three, how many rings, and the
-/// ends of these; then the coordinates.
+/// A face as words: number, vertex count, then, unless it is a triangle, ring count and ring ends,
+/// then the coordinates.
 #[derive(Clone, Copy)]
 pub(super) struct FaceWords<'a>(pub(super) &'a [u32]);
 
@@ -19,7 +19,7 @@ impl<'a> FaceWords<'a> {
         self.0[0]
     }
 
-    /// The ends of the rings, and the coordinates.
+    /// Returns the ends of the rings (`None` for a triangle), and the coordinates.
     fn parts(self) -> (Option<&'a [u32]>, &'a [u32]) {
         match self.0[1] {
             3 => (None, &self.0[2..]),
@@ -30,14 +30,14 @@ impl<'a> FaceWords<'a> {
         }
     }
 
-    /// The corners of a triangle; `None` for any other face.
+    /// Returns the vertices of a triangle, or `None` for any other face.
     #[inline]
     pub(super) fn triangle(self) -> Option<[[i32; 3]; 3]> {
         let points: &[u32; 9] = self.0.get(2..TRIANGLE_WORDS).filter(|_| self.0[1] == 3)?.try_into().ok()?;
         Some(std::array::from_fn(|corner| std::array::from_fn(|axis| points[3 * corner + axis] as i32)))
     }
 
-    /// Corners and ends of rings of any face.
+    /// Returns the vertices and ring ends of any face.
     pub(super) fn rings(self) -> (Vec<[i32; 3]>, Vec<usize>) {
         let (ends, points) = self.parts();
         let ends = ends.map_or(vec![3], |ends| ends.iter().map(|end| *end as usize).collect());
@@ -54,7 +54,7 @@ impl<'a> FaceWords<'a> {
         words.extend(points.as_flattened().iter().map(|at| *at as u32));
     }
 
-    /// The faces of a list.
+    /// Returns the faces of a list.
     pub(super) fn all(words: &[u32]) -> impl Iterator<Item = FaceWords<'_>> {
         let mut rest = words;
         std::iter::from_fn(move || {
@@ -64,7 +64,8 @@ impl<'a> FaceWords<'a> {
         })
     }
 
-    /// Number of words of the face that a list begins with, if enough of them are there to tell.
+    /// Returns the number of words of a list's first face, if the list has enough words to decide
+    /// it.
     fn length(words: &[u32]) -> Option<usize> {
         let corners = *words.get(1)? as usize;
         if corners == 3 {
@@ -74,14 +75,14 @@ impl<'a> FaceWords<'a> {
     }
 }
 
-/// Faces of a part of space.
+/// Faces of a subtree.
 pub(super) enum Run {
     Held(Vec<u32>),
     Spooled(SpooledWords, usize),
 }
 
 impl Run {
-    /// Number of words.
+    /// Returns the number of words.
     pub(super) fn len(&self) -> usize {
         match self {
             Run::Held(words) => words.len(),
@@ -89,7 +90,7 @@ impl Run {
         }
     }
 
-    /// The words of all faces in order, in memory.
+    /// Loads the words of all faces in order.
     pub(super) fn into_words(self) -> Result<Vec<u32>> {
         match self {
             Run::Held(words) => Ok(words),
@@ -104,12 +105,12 @@ impl Run {
         }
     }
 
-    /// Hands out all faces in order.
+    /// Visits all faces in order.
     pub(super) fn each(&self, mut each: impl FnMut(FaceWords<'_>) -> Result<()>) -> Result<()> {
         match self {
             Run::Held(words) => FaceWords::all(words).try_for_each(each),
             Run::Spooled(list, _) => {
-                // The beginning of a face whose end is in the next chunk.
+                // The beginning of a face that ends in a later chunk.
                 let mut open: Vec<u32> = Vec::new();
                 list.each(&mut |chunk| {
                     let mut rest = chunk;
@@ -142,9 +143,9 @@ impl Run {
     }
 }
 
-/// Collects a run: in memory up to a limit, in a temporary file beyond it.
+/// Collects a run: in memory up to a limit, then in a temporary file.
 pub(super) struct RunBuilder {
-    /// Words that may be held.
+    /// Maximum number of words in memory.
     limit: usize,
     place: Place,
     held: Vec<u32>,
@@ -152,12 +153,12 @@ pub(super) struct RunBuilder {
     len: usize,
 }
 
-/// Where runs go that are too long.
+/// Destination of runs that exceed memory.
 #[derive(Clone)]
 pub(super) enum Place {
-    /// Into a new file in this folder.
+    /// A new file in this directory.
     Folder(PathBuf),
-    /// Into the file that others are in already.
+    /// An existing file that runs share.
     Spool(Arc<Spool>),
 }
 
@@ -185,7 +186,7 @@ impl RunBuilder {
         Ok(())
     }
 
-    /// The run, and where others that come of it go.
+    /// Returns the run, and the destination of runs that are derived from it.
     pub(super) fn finish(self) -> Result<(Run, Place)> {
         let run = match self.spooler {
             Some(spooler) => Run::Spooled(spooler.finish()?, self.len),

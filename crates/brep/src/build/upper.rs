@@ -1,4 +1,4 @@
-//! The upper cells of an octree, whose faces are too many for memory: they are divided face by face.
+//! The upper cells of an octree, whose faces exceed memory: they are divided face by face.
 
 use std::sync::Mutex;
 
@@ -21,7 +21,7 @@ pub(super) struct Upper<'a> {
     pub(super) depth: u8,
     pub(super) leaf_size: usize,
     pub(super) near: &'a mut NearFaces,
-    /// Those of the base that go.
+    /// Removed off-grid faces of the base.
     pub(super) near_removed: &'a NearFaces,
     pub(super) memory: u64,
     pub(super) place: Place,
@@ -30,33 +30,33 @@ pub(super) struct Upper<'a> {
     pub(super) writer: &'a mut ModelWriter,
     pub(super) done: u64,
     pub(super) total: u64,
-    /// Polygons of the leaves of the base that are built anew.
+    /// Polygons of leaves of the base that are rebuilt.
     pub(super) large: LargePolygons,
-    /// Nodes of the base that were gone through.
+    /// Visited nodes of the base.
     pub(super) visited: u64,
 }
 
 impl Upper<'_> {
-    /// Writes the segments that are complete.
+    /// Writes the complete segments.
     pub(super) fn store(&mut self, arena: &mut Arena) -> Result<()> {
         arena.segments.drain(..).try_for_each(|(code, bytes)| self.writer.segment(code, &bytes))
     }
 
-    /// The walk over faces in memory.
+    /// Returns the context for faces in memory.
     pub(super) fn walk<'w>(&'w self, items: &'w Items) -> Walk<'w> {
         let Upper { bits, depth, leaf_size, stages, progress, .. } = *self;
         Walk { items, near: self.near, bits, depth, leaf_size, stages, progress }
     }
 
-    /// Tells that so many words of faces are done.
+    /// Reports the words of faces that are done.
     pub(super) fn advance(&mut self, length: u64) {
-        // (Faces that several cells have count once.)
+        // (Faces in several cells count once.)
         let more = length.min(self.total - self.done);
         self.done += more;
         self.progress.advance(more, self.total);
     }
 
-    /// Builds a cell with its faces, and those beside the grid that are near it; returns the word of its node.
+    /// Builds a cell from its faces, and near off-grid faces; returns the word of its node.
     pub(super) fn cell(
         &mut self,
         cell: &Cell,
@@ -107,15 +107,16 @@ impl Upper<'_> {
     }
 }
 
-/// Bytes of a run in memory, with all that its faces take there. (A face of a polygon is several times as large as its words.)
+/// Returns the bytes of a run in memory, including data derived from its faces. (That of a polygon
+/// is several times as large as its words.)
 pub(super) fn room_for(run: &Run) -> u64 {
     run.len() as u64 * (ITEM / TRIANGLE_WORDS + 1) as u64
 }
 
-/// Numbers of the faces of a cell, and of each of its children.
+/// Face counts of a cell, and of each of its children.
 pub(super) type FaceCounts = (u64, [u64; 8]);
 
-/// Division of runs that are too long for memory.
+/// Division of runs that exceed memory.
 pub(super) struct RunDivision<'a> {
     pub(super) bits: u8,
     pub(super) memory: u64,
@@ -124,7 +125,8 @@ pub(super) struct RunDivision<'a> {
 }
 
 impl RunDivision<'_> {
-    /// The faces of a cell's children, the children, and the numbers of its faces and of theirs.
+    /// Returns the children's faces, the children, and the face counts of the cell and the
+    /// children.
     pub(super) fn of(
         &self,
         cell: &Cell,
@@ -184,7 +186,7 @@ impl RunDivision<'_> {
         let mut runs = Vec::with_capacity(8);
         for builder in builders {
             let (run, place) = builder.finish()?;
-            // One temporary file serves all.
+            // All runs share one temporary file.
             if matches!(place, Place::Spool(_)) {
                 *at = place;
             }

@@ -1,198 +1,215 @@
-//! Bits that numbers need, and what doubles lose of them: each derived from the widths of the two grids.
+//! Bit widths and rounding errors of the exact arithmetic: each is derived from the widths of the
+//! two grids.
 //!
-//! `..._BITS` bound magnitudes: a number of so many bits is less than two to their power, and takes one more for its
-//! sign. `B` is the side of a model's grid, `N` a bound of the components of normals; every derivation is for
-//! coordinates from -1 to `B`, which is where all corners lie that faces are divided at.
+//! `..._BITS` bound magnitudes: a number of `b` bits is less than `2^b`, and takes one more bit for
+//! its sign. `B` is the side of a model's grid, `N` a bound of normal components. Every derivation
+//! holds for coordinates from -1 to `B`, which contain all vertices that faces are split at.
 
-/// Most bits of a coordinate of a model's grid. Whatever is decided about faces with such coordinates fits into 256
-/// bits, and no grid with one bit more has that: see `SIDE_BITS`.
+/// Maximum number of bits of a coordinate of a model's grid. Every predicate on faces with such
+/// coordinates fits into 256 bits; with one more bit, it would not: see `SIDE_BITS`.
 pub const MAX_BITS: u8 = 26;
 
-/// Bits of a coordinate in the space of the solids' grid, cells and fraction together; another grid than that of
-/// models, which has fewer: cells are told apart by [`lattice`](super::lattice) in 64 bits, and never by points of
-/// three planes, and a triangle has to lie where it is as nearly as that allows.
+/// Bits of a coordinate in the solids' grid, cells and fraction together. It is not the grid of
+/// models, which has fewer bits: [`lattice`](super::lattice) classifies cells in 64 bits and needs
+/// no points of three planes, and triangles should be as accurate as that allows.
 ///
-/// Vertices may lie outside by as much as the space is wide: coordinates run from `-S` to `2 S`, differences to `3 S`.
-/// The side of an edge is a sum of two products of such differences, to `18 S^2`, and in a row of points one more step
-/// past the edge's box, which is less than `S` long: to `24 S^2` in all, and 1 for who is on the edge.
+/// Vertices may be outside of the space by up to its width `S`: coordinates are from `-S` to `2 S`,
+/// and differences up to `3 S`. The side of an edge is a sum of two products of such differences,
+/// up to `18 S^2`. In a row of points it goes one more step past the edge's box, which is shorter
+/// than `S`: up to `24 S^2` in all, plus 1 for the tie-break of points on the edge.
 pub const SOLID_BITS: u8 = 29;
 
 const _: () = assert!(24 * (1i128 << (2 * SOLID_BITS)) < i64::MAX as i128, "sides of edges in 64 bits");
 const _: () = assert!(24 * (1i128 << (2 * SOLID_BITS + 2)) > i64::MAX as i128, "and none to spare");
 const _: () = assert!(3 * (1i64 << SOLID_BITS) < 1 << 31, "coordinates in 32 bits, differences in 31");
 
-/// Bits of a coordinate of a line's end, in parts of a step of the model's grid: one step outside of it at most.
+/// Bits of a coordinate of a line's end, in fractions of the model's grid unit; ends are at most
+/// one grid unit outside of the grid.
 ///
-/// From an end to a corner it is `2 L` at most, and the line is as long. A turn around the line is the product of three
-/// such vectors, a sum of six products of their parts: to `48 L^3`.
+/// The distance from an end to a vertex is at most `2 L` per axis, and so is the line's length. A
+/// turn around the line is the triple product of such vectors, a sum of six products of their
+/// components: up to `48 L^3`.
 pub(crate) const LINE_BITS: u8 = 40;
 
 const _: () = assert!(LINE_BITS > MAX_BITS);
 const _: () = assert!(3 * LINE_BITS + 6 < 127, "48 is less than 2^6");
 
-/// Bits of a coordinate of a point that is asked for, behind the point.
+/// Fraction bits of a query point's coordinates.
 pub(crate) const FINE_BITS: u32 = 32;
 
-// Crossings along an axis: the way to such a point has a bit more than the grid before its point, and times a normal of
-// 62 bits, or an edge's gradient, is added up three times.
+// Crossings along an axis: the vector to such a point has one integer bit more than the grid. Its
+// products with a normal of 62 bits or an edge's gradient are added up three times.
 const _: () = assert!(MAX_BITS as u32 + 1 + FINE_BITS < 63);
 const _: () = assert!(62 + MAX_BITS as u32 + 1 + FINE_BITS + 2 < 127);
 
-/// Bits of the components of a normal. A ring that goes around everything once has a component of twice the square of
-/// the grid's side: `2 B^2`. Three bits more are for rings that do so up to eight times. (Files with normals that are
-/// larger are refused where [`SIDE_BITS`] depends on it.)
+/// Bits of normal components. A ring that goes once around the whole grid has a component of twice
+/// the square of the grid's side: `2 B^2`. Three more bits allow rings that do so up to eight
+/// times. (Files with larger normals are rejected where [`SIDE_BITS`] depends on it.)
 pub(crate) const NORMAL_BITS: u32 = 2 * MAX_BITS as u32 + 4;
 
-/// Bits of a plane's offset: of three products of a normal's component and a coordinate, `3 N B`.
+/// Bits of a plane's offset: the sum of three products of a normal component and a coordinate,
+/// `3 N B`.
 pub(crate) const OFFSET_BITS: u32 = NORMAL_BITS + MAX_BITS as u32 + 2;
 
-/// Bits of the components of the direction of the line of two planes: two products of normals' components, `2 N^2`.
+/// Bits of the direction of two planes' line: two products of normal components, `2 N^2`.
 const DIRECTION_BITS: u32 = 2 * NORMAL_BITS + 1;
 
 /// Bits of the weight of a point of three planes: their determinant, `6 N^3`.
 pub(crate) const WEIGHT_BITS: u32 = 3 * NORMAL_BITS + 3;
 
-/// Bits of the products of a point's coordinates with its weight.
+/// Bits of the products of a point's coordinates and its weight.
 const POINT_BITS: u32 = WEIGHT_BITS + MAX_BITS as u32;
 
-/// Bits that a test takes on which side of a plane a point of three planes lies: `9 b + 21` for coordinates of `b` bits.
+/// Bits of the test on which side of a plane a point of three planes is: `9 b + 21` for coordinates
+/// of `b` bits.
 ///
-/// It is the weight times the scalar product of the normal and the way from a point of the plane, of which each
-/// component is `B` at most: `6 N^3` times `3 N B`. As it is added up, offset first, what is still missing stands for
-/// that component of the way, so that no part of the sum is more. (18 is less than 2^5.)
+/// The value is the weight times the dot product of the normal and the vector from a point of the
+/// plane, whose components are at most `B`: `6 N^3` times `3 N B`. The sum starts with the offset,
+/// and its remaining terms represent the missing vector components, so no partial sum is larger.
+/// (18 is less than 2^5.)
 const SIDE_BITS: u32 = 4 * NORMAL_BITS + MAX_BITS as u32 + 5;
 
 const _: () = assert!(SIDE_BITS == 9 * MAX_BITS as u32 + 21);
 const _: () = assert!(SIDE_BITS <= 255, "sides in 256 bits with the sign");
 const _: () = assert!(SIDE_BITS + 9 > 255, "no grid with one bit more has that");
-// As a point of three planes is added up, from three products of an offset and a direction: `18 N^3 B`.
+// The sum of a point of three planes, from three products of an offset and a direction: `18 N^3 B`.
 const _: () = assert!(3 * NORMAL_BITS + MAX_BITS as u32 + 5 <= 255);
-// Normals in 64 bits; offsets, directions, and the components that these are made of, in 128.
+// Normals in 64 bits; offsets, directions, and their components, in 128.
 const _: () = assert!(NORMAL_BITS <= 63 && OFFSET_BITS <= 127 && DIRECTION_BITS <= 127);
-// The vectors of half-planes around a segment, products of a normal and a direction, and the scalar product of two of
-// these, in 256 and 512.
+// The vectors of half-planes around a segment, products of a normal and a direction, in 256 bits;
+// the dot product of two of these in 512.
 const ACROSS_BITS: u32 = NORMAL_BITS + DIRECTION_BITS + 1;
 const _: () = assert!(ACROSS_BITS <= 255 && 2 * ACROSS_BITS + 2 <= 511);
 // The order of two points along an axis.
 const _: () = assert!(POINT_BITS + WEIGHT_BITS <= 511);
 
-/// Bits of the weight of the mean of three points, three times the product of theirs, and of the coordinates times it.
+/// Bits of the weight of the mean of three points, three times the product of their weights, and of
+/// the coordinates times it.
 const MEAN_WEIGHT_BITS: u32 = 3 * WEIGHT_BITS + 2;
 const MEAN_BITS: u32 = MEAN_WEIGHT_BITS + MAX_BITS as u32;
 
-// Turns around such means, sums of three products of a minor of two points and the weight of the third.
+// Turns around such means: sums of three products of a minor of two points and the third point's
+// weight.
 const _: () = assert!(2 * POINT_BITS + 1 + MEAN_WEIGHT_BITS + 2 <= 1023);
 const _: () = assert!(POINT_BITS + MEAN_BITS + 1 + WEIGHT_BITS + 2 <= 1023);
-// Areas of three points, compared after multiplication with a weight.
+// Areas of three points, compared after multiplication by a weight.
 const _: () = assert!(2 * POINT_BITS + 1 + 2 * WEIGHT_BITS + 2 <= 1023);
-// The side of a plane on which a mean lies, in coordinates of its own plane, which multiply all with a normal's
-// component once more.
+// The side of a plane on which a mean is, in coordinates of its own plane, which multiply
+// everything by a normal component once more.
 const _: () = assert!(2 * NORMAL_BITS + MEAN_BITS + 4 <= 1023);
 
-/// Bits of the determinant of four planes, of which each row is a normal of 62 bits and an offset: `4 * 3 N B * 6 N^3`.
+/// Bits of the determinant of four planes; each row is a normal of 62 bits and an offset:
+/// `4 * 3 N B * 6 N^3`.
 pub(crate) const DETERMINANT_BITS: u32 = 4 * 62 + MAX_BITS as u32 + 7;
 
-/// The most that a double is rounded by, as a share of it.
+/// Maximum relative rounding error of a double.
 const ROUNDOFF: f64 = f64::EPSILON / 2.0;
 
-/// The share of the sum of its terms' magnitudes that a sum of products can be off by where doubles are rounded so
-/// often, one after the other, on the way from whole numbers by any of its terms: a sum that is more than that has the
-/// right sign.
+/// Relative error bound of a sum of products, as a share of the sum of its terms' magnitudes, if at
+/// most `count` consecutive roundings lead from integers to the sum through any term. A sum that is
+/// larger than this bound has the right sign.
 ///
-/// By `n` roundings a term changes by `n / (1 - n u)` times `u`, the most that one does (Higham, "Accuracy and
-/// Stability of Numerical Algorithms", 2002, lemma 3.1). One rounding more is for the second order, and for what is
-/// rounded of the magnitudes and of this bound.
+/// `n` roundings change a term by at most `n u / (1 - n u)`, where `u` is the error of one (Higham,
+/// "Accuracy and Stability of Numerical Algorithms", 2002, lemma 3.1). One more rounding covers the
+/// second order, and the rounding of the magnitudes and of this bound.
 const fn after_roundings(count: u32) -> f64 {
     (count + 1) as f64 * ROUNDOFF
 }
 
-/// For the side of an edge, seen along an axis: two numbers become doubles, their product, the sum of two of them.
+/// For the side of an edge, seen along an axis: conversion of two numbers to doubles, their
+/// product, the sum of two of them.
 pub(crate) const CROSSING_ROUNDING: f64 = after_roundings(4);
 
-/// For the height of a point over a plane: a normal's component and a difference become doubles, their product, two
-/// additions.
+/// For the height of a point over a plane: conversion of a normal component and a difference to
+/// doubles, their product, two additions.
 pub(crate) const HEIGHT_ROUNDING: f64 = after_roundings(5);
 
-/// For the height of a point of the grid over a triangle, whose normal and differences are doubles: a product, two
-/// additions.
+/// For the height of a grid point over a triangle, whose normal and differences are exact doubles:
+/// a product, two additions.
 pub(crate) const TRIANGLE_HEIGHT_ROUNDING: f64 = after_roundings(3);
 
-// A triangle's normal is `B^2` at most, and is made of products of this size.
+// A triangle's normal is at most `B^2`, a difference of products of this size.
 const _: () = assert!(2 * MAX_BITS as u32 <= f64::MANTISSA_DIGITS);
 
-/// For how much farther a plane is from a cube's centre than the cube reaches: as the height of a corner with
-/// differences that are doubles (a normal's component becomes one, a product, two additions) less as much again.
+/// For the distance between a plane and a cube: the height of a vertex with differences that are
+/// exact doubles (conversion of a normal component, a product, two additions), minus the cube's
+/// extent with the same error.
 pub(crate) const CUBE_ROUNDING: f64 = after_roundings(5);
 
-/// For whether a plane misses the point of three others. Normals' components become doubles; directions are made of two
-/// of these by a product and a subtraction (4), offsets of one by a product and two additions (4), the determinant of a
-/// direction and one (8). The point has a product of offset and direction, and an addition (10); the scalar product
-/// with a normal has one more conversion and product, and two additions (14), from which offset times determinant is
-/// taken away (15).
+/// For whether a plane misses the point of three others. Normal components are converted to
+/// doubles. A direction is a product of two of these and a subtraction (4 roundings). An offset is
+/// a product of one and two additions (4). The determinant combines a direction and a normal (8).
+/// The point is a product of offset and direction, and an addition (10). The dot product with a
+/// normal has one more conversion and product, and two additions (14), from which the product of
+/// offset and determinant is subtracted (15).
 pub(crate) const RANK_ROUNDING: f64 = after_roundings(15);
 
-/// For where a line of a lattice meets a triangle's plane, as a share of what its terms' magnitudes are twice at most.
-/// A slope takes two conversions and two divisions, its product with a distance one more rounding; so do steps of the
-/// slope, and another one for their number. Three additions are after these.
+/// For the intersection of a lattice line and a triangle's plane, as a share of the bound on the
+/// terms' magnitudes, which may be exceeded by a factor of two. A slope takes two conversions and
+/// two divisions, and its product with a distance one more rounding. So do the slope's steps, and
+/// their number adds another one. Three additions follow.
 pub(crate) const LATTICE_ROUNDING: f64 = 2.0 * after_roundings(9);
 
-/// Most that a double which stands for the coordinate of a point differs from it, in steps of the grid: eight roundings
+/// Maximum difference between a point's coordinate and its double, in grid units: eight roundings
 /// of the largest coordinate.
 ///
-/// A point of three planes is the quotient of two wide numbers, each of which becomes a double: three roundings. The
-/// mean of three of these is off by as much, by a third of two roundings of sums, of `2 B` and `3 B`, and by that of
-/// the quotient: less than six in all. (Where wide numbers are cut off and not rounded, which is worth two roundings,
-/// five and less than eight.)
+/// A point of three planes is the quotient of two wide integers, which are converted to doubles:
+/// three roundings. The mean of three such points has the same error, plus a third of two roundings
+/// of sums, of `2 B` and `3 B`, and that of the quotient: less than six in all. (If wide integers
+/// are truncated instead of rounded, which counts as two roundings: five, and less than eight.)
 ///
-/// Invariant: such doubles are off by less than this, since points lie within the grid. All that is decided by them
-/// first (`ExactPlane::side`, `ExactPoint::compare`, `turn`) compares with some times this, and believes what is
-/// farther apart: beyond the grid the answers would be wrong, and not just slow.
+/// Invariant: the errors of such doubles are less than this, since points are within the grid. The
+/// fast paths (`ExactPlane::side`, `ExactPoint::compare`, `turn`) compare with a multiple of this,
+/// and accept larger differences. Outside of the grid, their results would be wrong, not just slow.
 pub(crate) const POINT_ERROR: f64 = 8.0 * ROUNDOFF * (1u64 << MAX_BITS) as f64;
 
 const _: () = assert!(POINT_ERROR == 1.0 / (1 << 24) as f64);
 
-/// Difference of two such doubles from which on the points are in this order.
+/// Minimum difference of two such doubles that proves the order of the points.
 pub(crate) const ORDER_ERROR: f64 = 2.0 * POINT_ERROR;
 
-/// The most that twice the area of a triangle of such points is off by, for each step of the coordinates' differences,
-/// and once more: each difference is off by twice the error and a rounding, and is multiplied with the other's;
-/// products and their difference are rounded by a quarter of it.
+/// Maximum error of twice the area of a triangle of such points, per unit of the coordinate
+/// differences. Each difference has twice the error and a rounding, and is multiplied by the other
+/// one; the products and their difference add roundings of a quarter of the error.
 pub(crate) const TURN_ERROR: f64 = 4.0 * POINT_ERROR;
 
-/// The most that the height of such a point over a plane is off by, for each unit of the normal's components: by the
-/// error, and by roundings of at most `3 B` in the offset, of `B` twice in each product, and of at most `3 B` in each
-/// of three sums: eighteen, or two and a quarter of the errors more. (Of a point that is found in a plane along its
-/// main axis, the third coordinate is off by half as much again.)
+/// Maximum error of the height of such a point over a plane, per unit of the normal components. It
+/// consists of the point's error, and of roundings of at most `3 B` in the offset, of `B` twice in
+/// each product, and of at most `3 B` in each of three sums: eighteen roundings, or two and a
+/// quarter more errors. (If the point was computed from a plane along its main axis, the third
+/// coordinate has half as much error again.)
 pub(crate) const SIDE_ERROR: f64 = 8.0 * POINT_ERROR;
 
-/// Distance, in steps, from which on such doubles are apart for certain, whatever they were made from: by twice the
-/// error, and what is rounded when it is added.
+/// Minimum distance, in grid units, that proves that such doubles differ, whatever they were
+/// computed from: twice the error, and the rounding of its addition.
 pub(crate) const MARGIN: f64 = 16.0 * POINT_ERROR;
 
-/// For the turn of an edge around a line, of a way and differences that are doubles: two products and a subtraction for each component of
-/// the vector product, a product with the way, two additions; and three more in the sum of the magnitudes.
+/// For the turn of an edge around a line, whose vectors are exact doubles: two products and a
+/// subtraction for each component of the cross product, a product with the vector, two additions;
+/// and three more in the sum of the magnitudes.
 pub(crate) const TURN_ROUNDING: f64 = after_roundings(5 + 3);
 
-// Differences of the line's ends and points of the grid are doubles.
+// Differences between the line's ends and grid points are exact doubles.
 const _: () = assert!(LINE_BITS as u32 + 2 <= f64::MANTISSA_DIGITS);
 
-/// For the share of a line at which it enters a box, and that at which it meets a face: quotients of whole numbers, of
-/// which those of faces become doubles first; four roundings in all, and one when this is added. (What comes behind,
-/// from shares of a part to those of the whole line, keeps the order of doubles.)
+/// For the parameter at which a line enters a box, and that at which it meets a face: quotients of
+/// integers. Those of faces are converted to doubles first; four roundings in all, and one for
+/// adding the bound. (The later conversion from parameters of a segment to those of the whole line
+/// is monotone.)
 pub(crate) const SHARE_ROUNDING: f64 = after_roundings(5);
 
-/// For the square of a face's distance, as a share of it, so that the distance of the box around it is none the
-/// greater: each coordinate of the way to the nearest point of an edge takes some fifteen roundings, and the square of
-/// its length twice as many and three more.
+/// Relative error of a face's squared distance, so that the distance of its bounding box is never
+/// larger: each coordinate of the vector to the nearest point of an edge takes about fifteen
+/// roundings, and the square of its length twice as many and three more.
 ///
-/// Between edges it may be off by more, in proportion to the distance of the farthest corner: of two faces that are as
-/// near to each other, either may be taken for the nearest.
+/// Inside of a face, the error may be larger, in proportion to the distance of the farthest vertex:
+/// of two faces at nearly the same distance, either may be returned as the nearest.
 pub(crate) const DISTANCE_ROUNDING: f64 = 1.0 / (1u64 << 40) as f64;
 
 const _: () = assert!(DISTANCE_ROUNDING > after_roundings(2 * 15 + 3));
 
-/// For the share of a cell that is inside, as a sum of parts as large as a cell: less than what eight additions are
-/// rounded by is nothing.
+/// For the share of a cell that is inside, as a sum of terms up to a cell's size: a sum below the
+/// rounding error of eight additions counts as zero.
 pub(crate) const CELL_ROUNDING: f64 = after_roundings(8);
 
 #[cfg(test)]
@@ -212,7 +229,7 @@ mod tests {
         }
     }
 
-    /// Doubles that stand for points of the largest coordinates and weights are no farther off than they may be.
+    /// Doubles of points with the largest coordinates and weights are within the error bound.
     #[test]
     fn doubles_of_points_are_as_near_as_stated() {
         let mut next = random(3);
@@ -223,7 +240,7 @@ mod tests {
                 (0..4).fold(I256::default(), |all, _| (all << 63u32) + (next() >> 1).as_::<I256>());
             let weight = (weight >> (252 - bits)) + 1.as_::<I256>();
             let side: I256 = (1u64 << MAX_BITS).as_();
-            // Just below a whole number near the grid's end, and anywhere.
+            // Just below an integer near the grid's end, and anywhere.
             let at = [0, 1, 2].map(|axis| {
                 let low: I256 = (next() % 1024).as_();
                 let share: I256 = (next() >> 32).as_();
@@ -235,7 +252,7 @@ mod tests {
             });
             let near = ExactPoint::of(at, weight).near;
             for (at, near) in at.into_iter().zip(near) {
-                // Both by 2^53: a double from 2^-1 on is a whole number then.
+                // Both multiplied by 2^53: a double from 2^-1 on is an integer then.
                 let scaled: I512 = (near * (1u64 << 53) as f64).as_();
                 let off: I512 = scaled * weight.as_::<I512>() - (at.as_::<I512>() << 53u32);
                 let off = off.as_::<f64>().abs() / weight.as_::<f64>() / (1u64 << 53) as f64;
@@ -246,7 +263,8 @@ mod tests {
         assert!(most > POINT_ERROR / 16.0, "{most}: the bound is not much too large");
     }
 
-    /// One unit decides about points beside the largest planes, with the most bits behind the point.
+    /// One unit decides about points next to the largest planes, with the maximum number of
+    /// fraction bits.
     #[test]
     fn heights_are_those_of_whole_numbers() {
         let mut next = random(7);
@@ -261,7 +279,8 @@ mod tests {
             let corners = [0; 3].map(|_| [0; 3].map(|_| coordinate()));
             let normal = super::super::normal::ring_normal(&corners);
             let outline = Outline { points: &corners, ring_ends: &[3], normal };
-            // A corner, or a point near the plane, and a few of the least parts beside it.
+            // A vertex, or a point near the plane, shifted by at most one of the smallest
+            // fractions.
             let [p, q, r] = corners;
             let share = i64::from(next() as u32 >> 1);
             let at = [0, 1, 2].map(|axis| {
@@ -283,7 +302,8 @@ mod tests {
         assert!(sides.iter().all(|count| *count > 100), "{sides:?}");
     }
 
-    /// Sums of products that are rounded as often as is said are never farther off, and some are nearly.
+    /// Sums of products never exceed the bound for the stated number of roundings, and some almost
+    /// reach it.
     #[test]
     fn sums_are_rounded_as_often_as_stated() {
         let mut next = random(11);

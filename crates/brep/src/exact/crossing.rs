@@ -1,21 +1,23 @@
-//! Crossings of ways along the axes with planar polygons: exact, by whole numbers, with ties by simulated
-//! perturbation (`perturbation.rs`).
+//! Crossings of axis-parallel paths with planar polygons: exact, in integers, with ties decided by
+//! simulated perturbation (`perturbation.rs`).
 //!
-//! [`lattice`](super::lattice) has the same for triangles and many lines at a time. Both stand on the functions here
-//! that say on which side of an edge or of a plane a point comes to lie that is moved a little.
+//! [`lattice`](super::lattice) is the equivalent for triangles and many lines at a time. Both use
+//! the functions of this module that decide on which side of an edge or a plane a perturbed point
+//! is.
 //!
-//! Invariant: all that is asked here sees a point moved by the same vector: `Outline::side_of_moved` and the test
-//! whether a line meets a polygon alike, for every face, cell and thread. So winding numbers add up along any way,
-//! and those of neighbouring cells agree. Were one tie decided otherwise, all behind it would be inside out.
+//! Invariant: all predicates perturb a point by the same vector, `Outline::side_of_moved` as well
+//! as the test whether a line meets a polygon, for every face, cell and thread. So winding numbers
+//! add up along any path, and those of neighbouring cells agree. If a single tie was decided
+//! differently, everything beyond it would be inside out.
 
 use super::bounds::{CROSSING_ROUNDING, HEIGHT_ROUNDING};
 use super::perturbation::sign_or_first;
 use super::vector::{ascending_others, dot, main_axis};
 
-/// A planar polygon with holes on an integer grid, as crossings need it.
+/// A planar polygon with holes on an integer grid, as input of crossing tests.
 #[derive(Clone, Copy, Debug)]
 pub struct Outline<'a> {
-    /// Corners of all rings, the outer ring's first.
+    /// Vertices of all rings, the outer ring's first.
     pub points: &'a [[i32; 3]],
     /// End of each ring in `points`.
     pub ring_ends: &'a [usize],
@@ -23,18 +25,18 @@ pub struct Outline<'a> {
     pub normal: [i64; 3],
 }
 
-/// A point between those of the grid: coordinates in units of `2^-bits` of the grid's.
+/// An off-grid point: coordinates in units of `2^-bits` of the grid's.
 ///
-/// A coordinate has at most 27 bits before the point and 32 behind it.
+/// A coordinate has at most 27 integer bits and 32 fraction bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FinePoint {
     pub at: [i64; 3],
     pub bits: u32,
 }
 
-/// The side to which the line of an edge turns, seen along an axis: the gradient along the two other axes of the
-/// function that is zero on it and positive to the left of who goes from `a` to `b`, the first of these axes to the
-/// right and the second up.
+/// Returns the gradient of an edge's side function along the two other axes, seen along an axis.
+/// The function is zero on the edge's line, and positive on the left of the direction from `a` to
+/// `b`, with the first axis to the right and the second one up.
 ///
 /// For coordinates of at most 31 bits.
 #[inline]
@@ -42,17 +44,17 @@ pub(super) fn edge_gradient(a: [i32; 3], b: [i32; 3], [u, v]: [usize; 2]) -> [i6
     [i64::from(a[v]) - i64::from(b[v]), i64::from(b[u]) - i64::from(a[u])]
 }
 
-/// The side of a plane with this normal on which a point lies that is moved a little, by the side on which it lies: 0
-/// only where there is no normal.
+/// Returns the side of a plane on which a perturbed point is, from the side of the point itself: 0
+/// only if the normal is zero.
 #[inline]
 pub(super) fn moved_side(side: i32, normal: [i64; 3]) -> i32 {
     sign_or_first(i64::from(side), normal)
 }
 
-/// The sign of the scalar product of an edge's gradient and the way to a point.
+/// Returns the sign of the dot product of an edge's gradient and the vector to a point.
 #[inline]
 fn sign_across([a, c]: [i64; 2], [b, d]: [i64; 2]) -> i32 {
-    // Most are far from a tie, and doubles tell them.
+    // Most values are clearly not zero, which doubles decide.
     let (first, second) = (a as f64 * b as f64, c as f64 * d as f64);
     let sum = first + second;
     if sum.abs() > (first.abs() + second.abs()) * CROSSING_ROUNDING {
@@ -63,7 +65,8 @@ fn sign_across([a, c]: [i64; 2], [b, d]: [i64; 2]) -> i32 {
 }
 
 impl Outline<'_> {
-    /// The side of the plane on which a point lies: 1 is where the normal points to, 0 is on the plane.
+    /// Returns the side of the plane on which a point is: 1 where the normal points to, 0 on the
+    /// plane.
     #[inline]
     pub(crate) fn side(&self, point: &FinePoint) -> i32 {
         let from = self.points[0];
@@ -77,16 +80,17 @@ impl Outline<'_> {
         dot(n.map(i128::from), along.map(i128::from)).signum() as i32
     }
 
-    /// The side of the plane on which a point lies that is moved a little: never on the plane.
+    /// Returns the side of the plane on which the perturbed point is: never on the plane.
     #[inline]
     pub(crate) fn side_of_moved(&self, point: &FinePoint) -> i32 {
         moved_side(self.side(point), self.normal)
     }
 
-    /// Whether the line along an axis through a point, moved a little, meets the polygon: by even and odd.
+    /// Returns whether the line along an axis through a perturbed point meets the polygon, by the
+    /// even-odd rule.
     #[inline]
     fn is_met(&self, axis: usize, point: &FinePoint) -> bool {
-        // (The lesser axis first: by that one the point is moved more.)
+        // (The smaller axis first, since its perturbation is larger.)
         let [u, v] = ascending_others(axis);
         let shift = point.bits;
         let (at_u, at_v) = (point.at[u], point.at[v]);
@@ -98,11 +102,11 @@ impl Outline<'_> {
             start = end;
             let Some(mut a) = ring.last() else { continue };
             for b in ring {
-                // The moved point lies above what it is on.
+                // The perturbed point is above a vertex of equal coordinate.
                 let (above_a, above_b) = (fine(a[v]) > at_v, fine(b[v]) > at_v);
                 if above_a != above_b {
                     let (low_u, high_u) = (a[u].min(b[u]), a[u].max(b[u]));
-                    // Edges that pass on the side of greater u count.
+                    // Edges that pass at larger u count.
                     inside ^= if fine(low_u) > at_u {
                         true
                     } else if fine(high_u) < at_u {
@@ -110,8 +114,8 @@ impl Outline<'_> {
                     } else {
                         let gradient = edge_gradient(*a, *b, [u, v]);
                         let turn = sign_across(gradient, [at_u - fine(a[u]), at_v - fine(a[v])]);
-                        // Going up, the point is to the left of an edge that passes at a greater u. On the
-                        // edge, the little step towards greater u has passed it.
+                        // Upwards, the point is on the left of an edge that passes at larger u. A
+                        // point on the edge was perturbed past it, towards larger u.
                         (sign_or_first(i64::from(turn), gradient) > 0) == above_b
                     };
                 }
@@ -121,8 +125,8 @@ impl Outline<'_> {
         inside
     }
 
-    /// The change of the winding number on the way from a point along an axis to another coordinate there: 1
-    /// where the way passes the polygon from its front to its back, -1 the other way round, else 0.
+    /// Returns the change of the winding number along an axis, from a point to another coordinate:
+    /// 1 if the path crosses the polygon from front to back, -1 from back to front, otherwise 0.
     #[inline]
     pub(crate) fn change_along(&self, axis: usize, from: &FinePoint, to: i64) -> i32 {
         if self.normal[axis] == 0 || !self.is_met(axis, from) {
@@ -136,7 +140,7 @@ impl Outline<'_> {
         if start == end { 0 } else { start }
     }
 
-    /// Whether a point lies on the polygon, its boundary included.
+    /// Returns whether a point is on the polygon, including its boundary.
     pub(crate) fn has(&self, point: &FinePoint) -> bool {
         if self.side(point) != 0 {
             return false;
@@ -145,13 +149,13 @@ impl Outline<'_> {
         self.is_met(axis, point) || self.is_on_boundary(axis, point)
     }
 
-    /// Whether a point of the plane, moved a little within it, lies on the polygon: of polygons beside each other in a
-    /// plane, one has it.
+    /// Returns whether a point of the plane, perturbed within the plane, is on the polygon. Of
+    /// adjacent polygons in a plane, exactly one contains it.
     pub(crate) fn has_moved(&self, point: &FinePoint) -> bool {
         self.is_met(main_axis(self.normal), point)
     }
 
-    /// Whether a point of the plane lies on an edge, seen along an axis.
+    /// Returns whether a point of the plane is on an edge, seen along an axis.
     fn is_on_boundary(&self, axis: usize, point: &FinePoint) -> bool {
         let [u, v] = ascending_others(axis);
         let fine = |coordinate: i32| i64::from(coordinate) << point.bits;
@@ -172,8 +176,8 @@ impl Outline<'_> {
     }
 }
 
-/// The change of the winding number on the way from one point to another, along x, then y, then z, by one
-/// polygon.
+/// Returns the change of the winding number by one polygon on the path between two points along x,
+/// then y, then z.
 #[inline]
 pub(crate) fn change_between(outline: &Outline<'_>, from: &FinePoint, to: &FinePoint) -> i32 {
     let mut at = *from;
@@ -211,8 +215,8 @@ mod tests {
         faces.iter().map(change).sum()
     }
 
-    /// Every point of a lattice, on walls, edges and corners too, is inside a box or outside as the point next
-    /// to it towards greater coordinates.
+    /// Every lattice point, also on walls, edges and corners, is inside a box if the point next to
+    /// it towards larger coordinates is.
     #[test]
     fn boxes_have_what_is_inside() {
         let faces = cuboid([0; 3], [4, 3, 2]);

@@ -1,9 +1,10 @@
-//! Crossings of the lines of a regular lattice with triangles: exact, by whole numbers, with ties by simulated
-//! perturbation (`perturbation.rs`), as [`crossing`](super::crossing) has it.
+//! Crossings of regular lattice lines with triangles: exact, in integers, with ties decided by
+//! simulated perturbation (`perturbation.rs`), as in [`crossing`](super::crossing).
 //!
-//! Winding numbers are asked for at all points of a lattice, and so for many lines with one triangle. Seen along the
-//! lines, the sides of its edges are linear functions over the lattice, of which a step changes each by a constant: in
-//! 64 bits, which is what [`SOLID_BITS`](super::bounds::SOLID_BITS) is chosen for.
+//! Winding numbers are needed at all lattice points, so many lines are tested against one triangle.
+//! Projected along the lines, the side functions of its edges are linear over the lattice, and
+//! change by a constant per step. They fit into 64 bits, which determines
+//! [`SOLID_BITS`](super::bounds::SOLID_BITS).
 
 use super::bounds::LATTICE_ROUNDING;
 use super::crossing::{edge_gradient, moved_side};
@@ -11,22 +12,23 @@ use super::normal::triangle_normal;
 use super::perturbation::sign_or_first;
 use super::vector::{ascending_others, dot, subtract};
 
-/// A regular lattice of points in the cells: `per_cell` along each axis of a cell.
+/// A regular lattice of points in the cells: `2^per_cell` along each axis of a cell.
 #[derive(Clone, Copy, Debug)]
 pub struct Lattice {
     /// Points along each axis of a cell, as powers of two.
     pub per_cell: [u8; 3],
-    /// Grid steps between points along each axis.
+    /// Grid units between points along each axis.
     pub step: [i32; 3],
 }
 
 impl Lattice {
-    /// A lattice of `2^per_cell` points along each axis of cells that are `2^fraction` grid steps wide.
+    /// Creates a lattice of `2^per_cell` points along each axis of cells that are `2^fraction` grid
+    /// units wide.
     pub fn new(per_cell: [u8; 3], fraction: u8) -> Lattice {
         Lattice { per_cell, step: per_cell.map(|bits| 1 << (fraction - bits)) }
     }
 
-    /// The first lattice point of the box that begins at a grid point.
+    /// Returns the first lattice point of the box that begins at a grid point.
     #[inline]
     pub fn first(&self, min: [i32; 3]) -> [i32; 3] {
         std::array::from_fn(|axis| min[axis] + self.step[axis] / 2)
@@ -37,12 +39,13 @@ impl Lattice {
 pub struct Projected<const D: usize> {
     corners: [[i32; 3]; 3],
     normal: [i64; 3],
-    /// By its normal, whether going up the axis leaves (1) or enters (-1) what is behind.
+    /// Sign of the normal along `D`: whether going up the axis leaves (1) or enters (-1) the body.
     sign: i32,
 }
 
 impl<const D: usize> Projected<D> {
-    /// `None` if it is seen edge-on: no line in general position along the axis meets it.
+    /// Projects a triangle, or returns `None` if it is seen edge-on: no line in general position
+    /// along the axis meets it.
     #[inline]
     pub fn new(corners: &[[i32; 3]; 3]) -> Option<Self> {
         let normal = triangle_normal(corners);
@@ -50,43 +53,46 @@ impl<const D: usize> Projected<D> {
         (sign != 0).then_some(Projected { corners: *corners, normal, sign })
     }
 
-    /// Change of the winding number along a line that goes up the axis through the triangle: 1 or -1.
+    /// Returns the change of the winding number along a line that goes up the axis through the
+    /// triangle: 1 or -1.
     #[inline]
     pub fn change(&self) -> i32 {
         -self.sign
     }
 
-    /// The half-plane to the inner side of an edge, seen along the axis: its values at a point and along the
-    /// other two axes. A point is inside where the value is not negative.
+    /// Returns the half-plane on the inner side of an edge, projected along the axis: its value at
+    /// a point and its increments along the other two axes. A point is inside if the value is not
+    /// negative.
     #[inline]
     fn half_plane(&self, edge: usize, at: [i32; 3]) -> (i64, i64, i64) {
         let [u, v] = ascending_others(D);
         let (a, b) = (self.corners[edge], self.corners[(edge + 1) % 3]);
-        // Seen along y, x and z are the other way round.
+        // Seen along y, x and z are exchanged.
         let turn = i64::from(if D == 1 { -self.sign } else { self.sign });
         let [along_u, along_v] = edge_gradient(a, b, [u, v]).map(|along| turn * along);
         let value =
             along_u * (i64::from(at[u]) - i64::from(a[u])) + along_v * (i64::from(at[v]) - i64::from(a[v]));
         let on_edge_is_inside = sign_or_first(0, [along_u, along_v]) > 0;
-        // Values are whole: taking off 1 makes an excluded edge negative and changes no other sign.
+        // Values are integers: subtracting 1 makes an excluded edge negative and changes no other
+        // sign.
         (value - i64::from(!on_edge_is_inside), along_u, along_v)
     }
 
-    /// Least coordinate along an axis.
+    /// Returns the minimum coordinate along an axis.
     #[inline]
     fn min(&self, axis: usize) -> i32 {
         let [a, b, c] = &self.corners;
         a[axis].min(b[axis]).min(c[axis])
     }
 
-    /// Greatest coordinate along an axis.
+    /// Returns the maximum coordinate along an axis.
     #[inline]
     fn max(&self, axis: usize) -> i32 {
         let [a, b, c] = &self.corners;
         a[axis].max(b[axis]).max(c[axis])
     }
 
-    /// Whether the line through a point meets the triangle.
+    /// Returns whether the line through a point meets the triangle.
     #[inline]
     pub fn is_met(&self, at: [i32; 3]) -> bool {
         let [u, v] = ascending_others(D);
@@ -97,35 +103,36 @@ impl<const D: usize> Projected<D> {
             && (0..3).all(|edge| self.half_plane(edge, at).0 >= 0)
     }
 
-    /// Signed distance of a point from the plane, times the normal's length.
+    /// Returns the signed distance of a point from the plane, times the normal's length.
     #[inline]
     fn height(&self, at: [i32; 3]) -> i128 {
         let along = subtract(at.map(i64::from), self.corners[0].map(i64::from));
         dot(self.normal.map(i128::from), along.map(i128::from))
     }
 
-    /// Whether a point lies beyond the plane, going up the axis.
+    /// Returns whether a point is beyond the plane, going up the axis.
     #[inline]
     pub fn is_beyond(&self, at: [i32; 3]) -> bool {
         self.is_beyond_by(self.height(at).signum() as i32)
     }
 
-    /// Whether a point on this side of the plane, and moved a little, lies beyond it, going up the axis.
+    /// Returns whether the perturbed point is beyond the plane, going up the axis, from the side of
+    /// the point itself.
     #[inline]
     fn is_beyond_by(&self, side: i32) -> bool {
         moved_side(side, self.normal) == self.sign
     }
 
-    /// Distance from a point up the axis to the plane, in grid steps: to put several in order.
+    /// Returns the distance from a point up the axis to the plane, in grid units: used for sorting.
     #[inline]
     pub fn height_over(&self, at: [i32; 3]) -> f64 {
         let height = self.height(at);
         -height as f64 / self.normal[D] as f64
     }
 
-    /// Hands out where lines of a lattice, which begins at `first`, pass through: the line's numbers along
-    /// the other two axes, of `count` lines each, and the number of lattice points before the triangle, from
-    /// 0 to `points`.
+    /// Visits the lattice lines that meet the triangle; the lattice begins at `first`. Passes the
+    /// line's indices along the other two axes, of `count` lines each, and the number of lattice
+    /// points before the triangle, from 0 to `points`.
     #[inline]
     pub fn rows(
         &self,
@@ -158,8 +165,8 @@ impl<const D: usize> Projected<D> {
             let (mut a_here, mut b_here, mut c_here) = (a, b, c);
             let row = (j - along_v.start) as f64;
             for i in along_u.clone() {
-                // The sign bit of the union is that of any negative value: one comparison for three
-                // half-planes.
+                // The sign bit of the bitwise or is set if any value is negative: one comparison
+                // for three half-planes.
                 if a_here | b_here | c_here >= 0 {
                     let before = positions.before((i - along_u.start) as f64, row, || {
                         let mut at = first;
@@ -179,25 +186,25 @@ impl<const D: usize> Projected<D> {
         }
     }
 
-    /// Number of points of the line that begins at a point that lie before the plane, exactly; negative if
-    /// even points before the beginning lie beyond.
+    /// Returns the exact number of a line's points before the plane, where the line begins at `at`.
+    /// It is negative if even points before the beginning are beyond.
     #[cold]
     fn points_before(&self, lattice: &Lattice, at: [i32; 3]) -> i64 {
         let height = self.height(at);
-        // The plane is met `-height / normal` grid steps up the axis.
+        // The line meets the plane `-height / normal` grid units up the axis.
         let over = i128::from(self.normal[D].unsigned_abs()) * i128::from(lattice.step[D]);
         let up = -height * i128::from(self.sign);
         let whole = up.div_euclid(over);
-        // Point `i` lies `i * over` up the axis: points 0 to `whole` are before the plane or on it. The one
-        // on it belongs to the side to which the infinitesimal step moves it.
+        // Point `i` is `i * over` up the axis: points 0 to `whole` are before the plane or on it. A
+        // point on the plane belongs to the side to which the perturbation moves it.
         let is_on_point = whole * over == up;
         let before = if is_on_point && self.is_beyond_by(0) { whole } else { whole + 1 };
         before.clamp(i128::from(i64::MIN), i128::from(i64::MAX)) as i64
     }
 }
 
-/// Positions at which lines meet a triangle's plane, in lattice steps up the axis, in floating point where
-/// that is sure.
+/// Positions at which lines meet a triangle's plane, in lattice steps up the axis, in floating
+/// point with an error bound.
 struct Positions {
     start: f64,
     along_u: f64,
@@ -220,7 +227,7 @@ impl Positions {
         let (slope_u, slope_v) = (-normal[u] / normal[D] / step, -normal[v] / normal[D] / step);
         let (du, dv) = (f64::from(start[u]) - f64::from(from[u]), f64::from(start[v]) - f64::from(from[v]));
         let position = (f64::from(from[D]) - f64::from(first[D])) / step + slope_u * du + slope_v * dv;
-        // No term is larger than its part of this on the triangle's box.
+        // Within the triangle's box, no term is larger than its counterpart in this sum.
         let width = |axis: usize| f64::from(projected.max(axis)) - f64::from(projected.min(axis));
         let height = (f64::from(from[D]).abs() + f64::from(first[D]).abs()) / step;
         let size = slope_u.abs() * width(u) + slope_v.abs() * width(v) + height + 1.0;
@@ -232,13 +239,14 @@ impl Positions {
         }
     }
 
-    /// Lattice points before the plane, by `exact` where floating point does not tell.
+    /// Returns the number of lattice points before the plane; calls `exact` if floating point
+    /// cannot decide.
     #[inline]
     fn before(&self, i: f64, j: f64, exact: impl FnOnce() -> i64) -> i64 {
         let position = self.start + i * self.along_u + j * self.along_v;
         let up = position.ceil();
         let above = up - position;
-        // (Written so that a NaN is not sure.)
+        // (Written so that a NaN calls `exact`.)
         if above > self.error && 1.0 - above > self.error { up as i64 } else { exact() }
     }
 }
@@ -249,7 +257,7 @@ mod tests {
     use super::super::crossing::{FinePoint, Outline};
     use super::*;
 
-    /// Numbers that look random, below a bound.
+    /// Pseudo-random numbers below a bound.
     fn random(seed: u64) -> impl FnMut(i64) -> i64 {
         let mut state = seed;
         move |below| {
@@ -258,7 +266,8 @@ mod tests {
         }
     }
 
-    /// Triangles of small coordinates, of which many touch, and of those as far away as any; and for each some points.
+    /// Triangles of small coordinates, many of which touch, and triangles of extreme coordinates;
+    /// and some points for each.
     fn cases() -> impl Iterator<Item = ([[i32; 3]; 3], Vec<[i32; 3]>)> {
         let mut number = random(1);
         (0..6_000).map(move |round| {
@@ -273,7 +282,7 @@ mod tests {
             };
             let corners = [0; 3].map(|_| place(&[]));
             let points = (0..8).map(|_| place(&corners)).chain(corners);
-            // (Where an edge is half way.)
+            // (A point in the middle of an edge.)
             let middle = [0, 1, 2]
                 .map(|axis| ((i64::from(corners[0][axis]) + i64::from(corners[1][axis])) / 2) as i32);
             (corners, points.chain([middle]).collect())
@@ -295,7 +304,8 @@ mod tests {
         expected
     }
 
-    /// Crossings in 64 bits are those of polygons in 128, on edges and corners too, as far away as vertices may be.
+    /// Crossings in 64 bits equal those of polygons in 128, also on edges and vertices, and for the
+    /// largest coordinates.
     #[test]
     fn crossings_are_those_of_polygons() {
         let mut passed = 0;
@@ -341,7 +351,8 @@ mod tests {
         found.len()
     }
 
-    /// Rows of a lattice, which go step by step and by doubles, tell what its points tell one by one.
+    /// Rows of a lattice, computed incrementally and by doubles, equal the results of single
+    /// points.
     #[test]
     fn rows_are_those_of_points() {
         let mut met = 0;
@@ -353,7 +364,7 @@ mod tests {
                 if is_large { -(1 << SOLID_BITS) } else { 0 },
             );
             let side = if is_large { 12 } else { 5 };
-            // (On the corners' coordinates, and beside them.)
+            // (At the vertices' coordinates, and next to them.)
             let first = [0, 1, 2].map(|axis| first + (number / 2 % 3 == 1) as i32 * axis);
             met += check_rows::<0>(&corners, &lattice, first, side);
             met += check_rows::<1>(&corners, &lattice, first, side);

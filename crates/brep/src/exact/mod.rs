@@ -1,8 +1,9 @@
-//! Exact arithmetic: the one room where whole numbers decide, and where it stands how many bits and how much rounding
-//! that takes.
+//! Exact arithmetic: the module that contains all integer predicates, their bit widths and their
+//! rounding bounds.
 //!
-//! Coordinates are whole numbers on a grid, so that every question about them has an answer in whole numbers. Doubles are
-//! asked first, since they are fast, and believed where they are farther from a tie than they can be rounded ([`bounds`]).
+//! Coordinates are integers on a grid, so every predicate has an exact integer result. Doubles are
+//! evaluated first, since they are fast. Their result is used if its distance from a tie exceeds
+//! the rounding error ([`bounds`]).
 
 pub mod bounds;
 pub mod crossing;

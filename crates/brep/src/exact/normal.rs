@@ -1,15 +1,16 @@
-//! Normals of rings: after Newell, in whole numbers.
+//! Normals of rings by Newell's method, in integers.
 
 use super::vector::{cross, others, subtract};
 
-/// Twice the area that a closed ring encloses in each projection along an axis, seen from that axis' positive end: the
-/// normal of its plane, or the mean direction of a ring that is not planar. Zero of fewer than three points.
+/// Returns twice the area that a closed ring encloses in each projection along an axis, seen from
+/// that axis' positive end. This is the normal of its plane, or the mean direction of a ring that
+/// is not planar. Zero for fewer than three points.
 ///
-/// Coordinates have at most 2^32 between them, and there are at most 2^32.
+/// Coordinates differ by at most 2^32, and there are at most 2^32 points.
 pub(crate) fn newell<T: Copy + Into<i64>>(ring: &[[T; 3]]) -> [i128; 3] {
     let Some(first) = ring.first() else { return [0; 3] };
     let from_first = |point: &[T; 3]| subtract(point.map(T::into), first.map(T::into));
-    // The two edges at the first corner, its own origin here, add nothing to the sum and are left out.
+    // The two edges at the first vertex, the origin here, contribute nothing and are skipped.
     let mut normal = [0i128; 3];
     for corners in ring.windows(2) {
         let (a, b) = (from_first(&corners[0]), from_first(&corners[1]));
@@ -21,18 +22,19 @@ pub(crate) fn newell<T: Copy + Into<i64>>(ring: &[[T; 3]]) -> [i128; 3] {
     normal
 }
 
-/// The normal of a triangle: its length is twice the area. For coordinates of which differences have 31 bits.
+/// Returns the normal of a triangle; its length is twice the area. Coordinate differences must fit
+/// into 31 bits.
 #[inline]
 pub fn triangle_normal([a, b, c]: &[[i32; 3]; 3]) -> [i64; 3] {
     let [u, v] = [b, c].map(|end| subtract(end.map(i64::from), a.map(i64::from)));
     cross(u, v)
 }
 
-/// The normal of a ring with coordinates of at most [`MAX_BITS`](super::bounds::MAX_BITS), after Newell: its length
-/// is twice the area.
+/// Returns the normal of a ring with coordinates of at most [`MAX_BITS`](super::bounds::MAX_BITS),
+/// by Newell's method; its length is twice the area.
 ///
-/// Of rings with many corners it may have more than 64 bits; it is divided by powers of two until it fits, which does
-/// not happen to rings of a plane that have less than 2^8 turns.
+/// The normal of a ring with many vertices may exceed 62 bits. It is then halved until it fits,
+/// which does not happen to planar rings with less than 2^8 turns.
 pub(crate) fn ring_normal(ring: &[[i32; 3]]) -> [i64; 3] {
     if let [a, b, c] = *ring {
         return triangle_normal(&[a, b, c]);
@@ -49,7 +51,7 @@ mod tests {
     use super::super::bounds::{MAX_BITS, NORMAL_BITS};
     use super::*;
 
-    /// The largest rings have normals with as many bits as are planned for.
+    /// The largest rings have normals of at most the planned number of bits.
     #[test]
     fn the_largest_normals_have_the_bits_that_are_planned_for() {
         let far = (1 << MAX_BITS) - 1;
@@ -58,11 +60,11 @@ mod tests {
         assert_eq!(ring_normal(&square), [-2 * area, 0, 2 * area]);
         assert!(2 * area < 1 << (2 * MAX_BITS + 1) && 2 * area >= 1 << (2 * MAX_BITS));
         assert_eq!(ring_normal(&square[..3]), [-area, 0, area]);
-        // Around a square eight times.
+        // Eight times around a square.
         let turns = square.repeat(8);
         assert_eq!(ring_normal(&turns), [-16 * area, 0, 16 * area]);
         assert!(16 * area < 1 << NORMAL_BITS);
-        // Around it so often that the normal is divided.
+        // So many turns that the normal is halved.
         let turns = ring_normal(&square.repeat(1 << 11));
         assert!(turns[2] > 1 << 61 && turns[0] == -turns[2] && turns[1] == 0);
         assert_eq!((ring_normal(&[]), ring_normal(&square[..2])), ([0; 3], [0; 3]));

@@ -1,17 +1,19 @@
-//! Ties, decided for all faces together.
+//! Tie-breaking, consistent over all faces.
 //!
-//! Whether a point is inside a solid is told by the faces between it and a point of which that is known. The way from
-//! the one to the other may pass through edges and vertices, and either point may lie on a face; to have an answer that
-//! is right for all faces together, every point that is asked about is thought of as moved by an infinitesimal vector,
-//! by far the most along x and by far the least along z (the simulation of simplicity of Edelsbrunner and Muecke,
-//! 1990). A tie is then decided by the first derivative that is not zero, and every line meets a closed surface as one
-//! in general position does. Whoever asks in this way, of a point, a line along an axis or any other line, gets answers
-//! that fit together.
+//! Whether a point is inside a solid depends on the faces between it and a point whose state is
+//! known. The path between the points may pass through edges and vertices, and either point may be
+//! on a face. For results that are consistent over all faces, every query point is treated as moved
+//! by an infinitesimal vector, whose x is much larger than its y, and its y much larger than its z
+//! (simulation of simplicity, Edelsbrunner and Muecke, 1990). The first derivative that is not zero
+//! then decides a tie, and every line meets a closed surface like a line in general position. So
+//! the results for points, axis-parallel lines and other lines are consistent with each other.
 
-/// The sign of a linear function at a point moved a little: that of its value there, or of the first component of its
-/// gradient that is not zero where the value is zero. 0 if all are.
+/// Returns the sign of a linear function at a perturbed point: that of its value at the point
+/// itself or, if the value is zero, of the first gradient component that is not zero. 0 if all are
+/// zero.
 ///
-/// Components stand in the order of the axes; those of axes that the function does not know may be left out.
+/// Components are in the order of the axes; axes that the function does not depend on may be
+/// omitted.
 #[inline]
 pub(crate) fn sign_or_first<T: Copy + PartialOrd + Default, const N: usize>(
     value: T,
@@ -30,7 +32,8 @@ pub(crate) fn sign_or_first<T: Copy + PartialOrd + Default, const N: usize>(
 mod tests {
     use super::*;
 
-    /// A step that is small enough, and much smaller along each axis than along the one before, has the same sign.
+    /// A step that is small enough, and much smaller along each axis than along the previous one,
+    /// gives the same sign.
     #[test]
     fn signs_are_those_after_a_small_step() {
         for n in 0..5 * 5 * 5 * 5 {

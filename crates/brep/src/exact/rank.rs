@@ -1,5 +1,5 @@
-//! Ranks of planes: whether many of them have a point, a line or everything in common. Doubles tell most; what is too
-//! close to call is decided by remainders of whole numbers.
+//! Ranks of planes: whether a set of planes shares a point, a line or everything. Doubles decide
+//! most cases; close cases are decided by modular integer arithmetic.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -14,7 +14,7 @@ struct HomogeneousPlane {
 }
 
 impl HomogeneousPlane {
-    /// The plane through a point.
+    /// Returns the plane through a point.
     fn through(normal: [i64; 3], point: [i32; 3]) -> HomogeneousPlane {
         HomogeneousPlane { normal, offset: dot(normal.map(i128::from), point.map(i128::from)) }
     }
@@ -27,8 +27,8 @@ pub(crate) struct PlaneAt {
     pub point: [i32; 3],
 }
 
-/// A number that is known roughly, and the sum of the magnitudes of what it was added up from: rounding changes it by
-/// a small share of these.
+/// An approximate number, and the sum of its terms' magnitudes, to which its rounding error is
+/// proportional.
 #[derive(Clone, Copy)]
 struct Rough {
     value: f64,
@@ -40,7 +40,7 @@ impl Rough {
         Rough { value, size: value.abs() }
     }
 
-    /// Whether the exact number is not zero for certain.
+    /// Returns whether the exact number is certainly not zero.
     fn is_clear(self) -> bool {
         self.value.abs() > self.size * RANK_ROUNDING
     }
@@ -73,13 +73,14 @@ impl Mul for Rough {
     }
 }
 
-/// The rank of planes that are known to have no higher one than `most`, where doubles are enough to tell it.
+/// Returns the rank of planes, which is known to be at most `most`, if doubles are sufficient to
+/// decide it.
 fn clear_rank(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> Option<usize> {
     let normal = |plane: &PlaneAt| plane.normal.map(|n| Rough::new(n as f64));
     let mut rest = planes.clone();
     let first = rest.next()?;
     let n0 = normal(&first);
-    // Offsets are those from a point of the first plane.
+    // Offsets are relative to a point of the first plane.
     let offset = |plane: &PlaneAt| {
         let from = [0, 1, 2].map(|axis| Rough::new(f64::from(plane.point[axis] - first.point[axis])));
         dot(normal(plane), from)
@@ -98,7 +99,8 @@ fn clear_rank(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> Opt
     if most == 3 {
         return Some(3);
     }
-    // Where the three meet, times the determinant: what misses this point makes the rank 4.
+    // The intersection of the three planes, times the determinant. The rank is 4 if a plane misses
+    // this point.
     let (by_second, by_third) = (offset(&second), offset(&third));
     let across = cross(normal(&third), n0);
     let point = [0, 1, 2].map(|axis| by_second * across[axis] + by_third * line[axis]);
@@ -106,17 +108,17 @@ fn clear_rank(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> Opt
     planes.into_iter().any(misses).then_some(4)
 }
 
-/// Differences from 2^61 of primes whose product is more than any determinant of four planes: one that is zero by all of
-/// them is zero. Remainders of such primes are cheap.
+/// Differences between 2^61 and primes whose product exceeds any determinant of four planes: a
+/// determinant that is zero modulo all of them is zero. Remainders of such primes are cheap.
 const BELOW: [u64; 5] = [1, 31, 45, 229, 259];
-// (Each of them is more than 2^60.)
+// (Each prime is larger than 2^60.)
 const _: () = assert!(60 * BELOW.len() as u32 > DETERMINANT_BITS);
 const MASK: u128 = (1 << 61) - 1;
 
-/// The remainder of a number of at most 122 bits by the prime that is so much below 2^61.
+/// Returns the remainder of a number of at most 122 bits modulo the prime `2^61 - below`.
 #[inline]
 fn reduce(number: u128, below: u64) -> u64 {
-    // 2^61 leaves the remainder `below`.
+    // 2^61 is congruent to `below`.
     let once = (number & MASK) + (number >> 61) * u128::from(below);
     let twice = (once & MASK) as u64 + (once >> 61) as u64 * below;
     let prime = (1 << 61) - below;
@@ -134,7 +136,7 @@ fn remainder(number: i128, below: u64) -> u64 {
     if number < 0 && rest != 0 { (1 << 61) - below - rest } else { rest }
 }
 
-/// Rows of a matrix in echelon form, by the remainders of a prime.
+/// Rows of a matrix in echelon form, modulo a prime.
 struct Rows {
     below: u64,
     rows: [([u64; 4], usize); 4],
@@ -146,7 +148,7 @@ impl Rows {
         Rows { below, rows: [([0; 4], 0); 4], count: 0 }
     }
 
-    /// Adds a row; returns the rank.
+    /// Adds a row, and returns the rank.
     #[inline]
     fn add(&mut self, plane: &HomogeneousPlane) -> usize {
         let below = self.below;
@@ -171,29 +173,29 @@ impl Rows {
     }
 }
 
-/// The rank of some planes' homogeneous coordinates, exactly, if it is known to be at most `most`: 1 if all are one
-/// plane, 2 if they have a line in common, 3 if they have a point in common, 4 if they have none. Common lines and
-/// points may be infinitely far away.
+/// Returns the exact rank of planes' homogeneous coordinates, which must be known to be at most
+/// `most`: 1 if all planes are equal, 2 if they share a line, 3 if they share a point, 4 otherwise.
+/// Shared lines and points may be at infinity.
 ///
-/// Coordinates are those of rings on the grid ([`MAX_BITS`](super::bounds::MAX_BITS)), and normals those of
-/// [`ring_normal`](super::normal::ring_normal).
+/// Coordinates are those of rings on the grid ([`MAX_BITS`](super::bounds::MAX_BITS)), and normals
+/// those of [`ring_normal`](super::normal::ring_normal).
 pub(crate) fn rank_of_at_most(planes: impl Iterator<Item = PlaneAt> + Clone, most: usize) -> usize {
     clear_rank(planes.clone(), most).unwrap_or_else(|| {
         rank_by_remainders(planes.map(|plane| HomogeneousPlane::through(plane.normal, plane.point)), most)
     })
 }
 
-/// The rank of planes that are known to have no higher one than `known`, in whole numbers.
+/// Returns the rank of planes, which is known to be at most `known`, in integers.
 fn rank_by_remainders(planes: impl Iterator<Item = HomogeneousPlane> + Clone, known: usize) -> usize {
     let by = |below: u64| {
         let mut rows = Rows::new(below);
-        // (Almost always the first five have the rank 4.)
+        // (Almost always, the first five planes have the rank 4.)
         planes.clone().map(|plane| rows.add(&plane)).find(|rank| *rank == 4).unwrap_or(rows.count)
     };
-    // Invariant: a determinant is zero if it is by all primes, since their product is more than any that four
-    // planes have (see `BELOW`). One prime alone may make it zero: so the highest
-    // of the ranks is right, and none is too high. A rank that is too low would make a cell a leaf whose
-    // planes have nothing in common.
+    // Invariant: a determinant is zero if it is zero modulo all primes, since their product exceeds
+    // any determinant of four planes (see `BELOW`). A single prime may divide a determinant that is
+    // not zero. So the highest of the ranks is right, and none is too high. A rank that is too low
+    // would make a cell a leaf although its planes share nothing.
     let mut most = 0;
     for below in BELOW {
         most = most.max(by(below));
@@ -226,7 +228,7 @@ mod tests {
         for below in BELOW {
             let prime = (1u64 << 61) - below;
             bits += (prime as f64).log2();
-            // Miller and Rabin, with bases that are enough for 64 bits.
+            // Miller-Rabin test, with bases that are sufficient for 64 bits.
             let power = |mut base: u64, mut exponent: u64| {
                 let mut result = 1;
                 while exponent > 0 {
@@ -267,8 +269,8 @@ mod tests {
         assert_eq!(rank_of(&[]), 0);
     }
 
-    /// Planes through one point have at most the rank 3, and with one that misses it by a unit the rank 4, also
-    /// with the largest coordinates.
+    /// Planes through one point have at most the rank 3, and the rank 4 with one that misses it by
+    /// a unit, also for the largest coordinates.
     #[test]
     fn one_unit_decides_at_any_size() {
         let mut state = 7u64;
@@ -287,7 +289,7 @@ mod tests {
         }
     }
 
-    /// Doubles and remainders agree, wherever doubles say anything, and they mostly do.
+    /// Doubles and remainders agree wherever doubles decide, and doubles decide most cases.
     #[test]
     fn doubles_are_right() {
         let mut state = 5u64;
@@ -298,7 +300,7 @@ mod tests {
         let mut clear = [0; 5];
         for round in 0..40_000 {
             let count = 2 + round % 5;
-            // Small numbers often have a point or a line in common, large ones are the general case.
+            // Small numbers often share a point or a line, large ones are the general case.
             let size = [3, 5, 1000, 1 << 26][round / 5 % 4];
             let planes: Vec<PlaneAt> = (0..count)
                 .map(|_| {

@@ -1,23 +1,23 @@
-//! Disjoint sets of numbers that grow together.
+//! Union-find: disjoint sets of numbers that can be merged.
 
-/// Disjoint sets of the numbers from 0 on. A set's root is the least of its numbers, whatever the order in which sets were
-/// joined.
+/// Disjoint sets of the numbers from 0 on. A set's root is its smallest number, whatever the order
+/// in which sets were merged.
 ///
-/// Paths are halved (Tarjan and van Leeuwen, 1984): a question takes logarithmic time on average. Each number takes
-/// four bytes.
+/// Paths are halved (Tarjan and van Leeuwen, 1984): a look-up takes amortized logarithmic time.
+/// Each number takes four bytes.
 #[derive(Clone, Debug, Default)]
 pub struct UnionFind {
-    /// A lesser number of the same set, or for roots the number itself.
+    /// A smaller number of the same set, or the number itself for roots.
     parents: Vec<u32>,
 }
 
 impl UnionFind {
-    /// Sets of one number each, up to `count` of them.
+    /// Creates sets of one number each, for `count` numbers.
     pub fn new(count: usize) -> UnionFind {
         UnionFind { parents: (0..count as u32).collect() }
     }
 
-    /// Numbers in all sets.
+    /// Returns the number of elements of all sets.
     pub(crate) fn len(&self) -> usize {
         self.parents.len()
     }
@@ -29,11 +29,11 @@ impl UnionFind {
         number
     }
 
-    /// The least number of the set that a number is in.
+    /// Returns the smallest number of a number's set.
     #[inline]
     pub fn root(&mut self, mut number: u32) -> u32 {
         while self.parents[number as usize] != number {
-            // Half of the way is left out next time.
+            // Path halving.
             let above = self.parents[self.parents[number as usize] as usize];
             self.parents[number as usize] = above;
             number = above;
@@ -41,7 +41,7 @@ impl UnionFind {
         number
     }
 
-    /// Makes one set of those that two numbers are in, and gives its root.
+    /// Merges the sets of two numbers, and returns the root.
     #[inline]
     pub fn join(&mut self, a: u32, b: u32) -> u32 {
         let (a, b) = (self.root(a), self.root(b));
@@ -49,7 +49,7 @@ impl UnionFind {
         a.min(b)
     }
 
-    /// The root of each number's set.
+    /// Returns the root of each number's set.
     pub(crate) fn roots(&mut self) -> Vec<u32> {
         (0..self.parents.len() as u32).map(|number| self.root(number)).collect()
     }
@@ -70,7 +70,7 @@ mod tests {
         assert_eq!(sets.len(), 10);
     }
 
-    /// Long chains in either direction, against sets that are relabelled one by one.
+    /// Long chains in either direction, compared with sets that are relabelled one by one.
     #[test]
     fn chains_come_together() {
         let count = 500;

@@ -1,35 +1,38 @@
-//! Vectors of three numbers of any kind: whole ones of any width, doubles, and numbers with what is known of their
-//! rounding.
+//! Three-component vectors of any number type: integers of any width, doubles, and numbers with an
+//! error bound.
 //!
-//! Whoever calls widens the numbers first, as far as their products need it: see [`bounds`](super::bounds).
+//! The caller widens the numbers first, as far as their products need it: see
+//! [`bounds`](super::bounds).
 
 use std::ops::{Add, Mul, Sub};
 
-/// The way from the second point to the first.
+/// Returns the vector from the second point to the first.
 #[inline]
 pub fn subtract<T: Copy + Sub<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
-/// The scalar product.
+/// Returns the dot product.
 #[inline]
 pub fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The vector product: upright on both, on the side from which the turn from the first to the second is counterclockwise.
+/// Returns the cross product: perpendicular to both, on the side from which the turn from the first
+/// to the second is counterclockwise.
 #[inline]
 pub fn cross<T: Copy + Sub<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// The two other axes, in the order that makes a right-handed system with the first.
+/// Returns the two other axes, in the order that makes a right-handed system with the first.
 #[inline]
 pub(crate) const fn others(axis: usize) -> [usize; 2] {
     [(axis + 1) % 3, (axis + 2) % 3]
 }
 
-/// The two other axes, the lesser first: along it a point is moved farther (see `perturbation.rs`).
+/// Returns the two other axes, the smaller first, along which the perturbation is larger (see
+/// `perturbation.rs`).
 #[inline]
 pub const fn ascending_others(axis: usize) -> [usize; 2] {
     match axis {
@@ -39,8 +42,8 @@ pub const fn ascending_others(axis: usize) -> [usize; 2] {
     }
 }
 
-/// The axis along which a vector of whole numbers is longest, the last of several; along it a plane with this normal is
-/// seen largest.
+/// Returns the axis along which an integer vector is longest, the last one of several. A plane with
+/// this normal has its largest projection along it.
 #[inline]
 pub(crate) fn main_axis<T: Copy + Into<i128>>(vector: [T; 3]) -> usize {
     let length = |axis: &usize| -> u128 { vector[*axis].into().unsigned_abs() };

@@ -1,5 +1,5 @@
-//! Faces with holes as one ring, for formats that know nothing else: bridges that are passed there and back lead to
-//! the holes, and can be taken out again.
+//! Conversion of faces with holes to single rings, for formats without holes, and back. Bridges
+//! connect the holes to the outer ring; each bridge is passed in both directions.
 
 use std::cell::Cell;
 use std::collections::HashSet;
@@ -9,24 +9,25 @@ use super::plane::Plane;
 use crate::exact::vector::{main_axis, others};
 use spinney_base::sort;
 
-/// Most ways that are tried for bridges of a face beyond the nearest few for each hole.
+/// Maximum number of candidate bridges per face, in addition to the nearest few of each hole.
 const MAX_TRIES: usize = 1 << 16;
 
-/// Corners that are tried first for a bridge.
+/// Number of vertices that are tried first for a bridge.
 const NEAREST: usize = 16;
 
-/// Joins the rings of a face, the outer one first, to one ring of corners; where a bridge starts or ends, a corner
-/// comes once more.
+/// Joins the rings of a face, the outer one first, to one ring of vertex indices. A vertex at the
+/// end of a bridge occurs once more.
 ///
-/// A bridge leads from corner to corner over the face's inside, meets nothing on its way, and is an edge of no
-/// ring; so [`split_bridges`] gives the same rings again, if no edge of the face is passed in both directions. (In
-/// faces whose rings cross there may be no such way; bridges cross something then, but can be taken out all the
-/// same, or where very many ways were tried.) Takes time by the product of the numbers of holes and corners.
+/// A bridge connects two vertices across the face's interior, meets nothing in between, and is not
+/// an edge of any ring. So [`split_bridges`] restores the rings, if the face has no edge that
+/// occurs in both directions. There may be no such bridge if rings cross, and none may be found in
+/// time if there are very many candidates. A bridge may then cross edges, but can still be removed.
+/// Takes time proportional to the product of hole and vertex counts.
 ///
 /// Coordinates are at most 2^31 in magnitude.
 ///
 /// # Panics
-/// If `ring_ends` does not rise up to the number of points, or there are 2^32.
+/// If `ring_ends` does not ascend to the number of points, or there are at least 2^32 points.
 pub fn join_rings(points: &[[i64; 3]], ring_ends: &[usize]) -> Vec<u32> {
     assert!(u32::try_from(points.len()).is_ok(), "faces have fewer than 2^32 corners");
     let mut start = 0;
@@ -46,7 +47,8 @@ pub fn join_rings(points: &[[i64; 3]], ring_ends: &[usize]) -> Vec<u32> {
     Bridges::new(&flat, ring, holes).join()
 }
 
-/// Corners as seen along the axis along which a face is seen largest, counterclockwise if its outer ring is.
+/// Projects vertices along the axis in which the face's projection is largest. The result is
+/// counterclockwise if the outer ring is.
 fn flatten(points: &[[i64; 3]], normal: [i128; 3]) -> Vec<[i64; 2]> {
     let axis = main_axis(normal);
     let [j, k] = others(axis);
@@ -58,17 +60,17 @@ struct Bridges<'a> {
     flat: &'a [[i64; 2]],
     ears: Ears<'a>,
     ring: Vec<u32>,
-    /// Those that are left, the one that reaches farthest last.
+    /// Holes that are not joined yet, the one that reaches farthest last.
     holes: Vec<Vec<u32>>,
-    /// Edges of all rings and bridges, the lower end first.
+    /// Edges of all rings and bridges, the smaller end first.
     edges: HashSet<[[i64; 2]; 2]>,
-    /// Points in which several corners lie.
+    /// Points that several vertices share.
     shared: HashSet<[i64; 2]>,
-    /// Ways that may still be tried.
+    /// Number of candidates that may still be tried.
     tries: Cell<usize>,
 }
 
-/// A bridge from a place in the ring to a place in a hole.
+/// A bridge between a ring index and an index in a hole.
 struct Bridge {
     on_ring: usize,
     hole: usize,
@@ -90,7 +92,8 @@ impl<'a> Bridges<'a> {
 
     fn join(mut self) -> Vec<u32> {
         while !self.holes.is_empty() {
-            // Where rings touch, bridges to both may cross in that point: such corners come last.
+            // Where rings touch, bridges to both may cross in the shared point: such vertices are
+            // tried last.
             let bridge = self.to_farthest().or_else(|| self.to_any(false)).or_else(|| self.to_any(true));
             let Bridge { on_ring, hole, on_hole } = bridge.unwrap_or_else(|| self.across());
             let hole = self.holes.remove(hole);
@@ -112,21 +115,23 @@ impl<'a> Bridges<'a> {
         (0..2).map(|i| i128::from(self.at(a)[i] - self.at(b)[i]).pow(2)).sum()
     }
 
-    /// The shortest way from the farthest corner of the last hole onwards: no other hole is in between, so that there is
-    /// one, unless the hole touches something just there.
+    /// Returns the shortest bridge from the last hole's farthest vertex to a vertex that is farther
+    /// yet. No other hole is in between, so there is one, unless the hole touches something exactly
+    /// there.
     fn to_farthest(&self) -> Option<Bridge> {
         let hole = self.holes.len() - 1;
         let corners = &self.holes[hole];
         let on_hole = (0..corners.len()).max_by_key(|&i| self.at(corners[i]))?;
         let from = corners[on_hole];
-        // Distances, with places in the lower 32 bits.
+        // Distances, with ring indices in the lower 32 bits.
         let mut ahead: Vec<u128> = (0u32..)
             .zip(&self.ring)
             .filter(|(_, corner)| self.at(**corner) > self.at(from))
             .map(|(place, corner)| (self.distance(*corner, from) as u128) << 32 | u128::from(place))
             .collect();
         let is_good = |bridge: &Bridge| self.is_alone(bridge) && self.is_free(bridge);
-        // It is nearly always one of the nearest few: the others are sorted only if it is not.
+        // The bridge is nearly always one of the nearest few, so the others are sorted only if it
+        // is not.
         let nearest = NEAREST.min(ahead.len());
         if nearest < ahead.len() {
             ahead.select_nth_unstable(nearest);
@@ -146,8 +151,8 @@ impl<'a> Bridges<'a> {
         left > 0
     }
 
-    /// Any way to any hole. In a face whose rings do not cross there is one, as its triangles have it, if points that
-    /// corners share are allowed.
+    /// Returns any bridge to any hole. If the rings do not cross and `may_share` allows shared
+    /// points, there is one: an edge of the face's triangulation.
     fn to_any(&self, may_share: bool) -> Option<Bridge> {
         let holes = (0..self.holes.len()).rev();
         let ends = holes.flat_map(|hole| (0..self.holes[hole].len()).map(move |on_hole| (hole, on_hole)));
@@ -159,7 +164,8 @@ impl<'a> Bridges<'a> {
             .find(|bridge| (may_share || self.is_alone(bridge)) && self.is_free(bridge))
     }
 
-    /// A way to the last hole, whatever it crosses, but along no edge if that can be.
+    /// Returns a bridge to the last hole that may cross anything, but avoids existing edges if
+    /// possible.
     fn across(&self) -> Bridge {
         let hole = self.holes.len() - 1;
         let corners = &self.holes[hole];
@@ -169,20 +175,20 @@ impl<'a> Bridges<'a> {
         bridges.take(NEAREST).find(is_new).unwrap_or(Bridge { on_ring: 0, hole, on_hole: 0 })
     }
 
-    // Invariant: a bridge is an edge of no ring and of no other bridge. So it is passed there and back, once
-    // each, and nothing else is: `split_bridges` takes out just the bridges. One along an edge would take
-    // that out too, and join the faces on its sides.
+    // Invariant: a bridge is not an edge of any ring or other bridge. So exactly the bridges occur
+    // once in each direction, and `split_bridges` removes nothing else. It would also remove an
+    // edge under a bridge, and so join the faces on both sides.
     fn is_new(&self, a: u32, b: u32) -> bool {
         self.at(a) != self.at(b) && !self.edges.contains(&edge(self.at(a), self.at(b)))
     }
 
-    /// Whether no other corners lie at the ends of a bridge.
+    /// Returns whether no other vertices are at the ends of a bridge.
     fn is_alone(&self, bridge: &Bridge) -> bool {
         let ends = [self.ring[bridge.on_ring], self.holes[bridge.hole][bridge.on_hole]];
         ends.iter().all(|&end| !self.shared.contains(&self.at(end)))
     }
 
-    /// Whether a bridge runs inside the face, and nothing is in its way.
+    /// Returns whether a bridge is inside the face and crosses nothing.
     fn is_free(&self, bridge: &Bridge) -> bool {
         let hole = &self.holes[bridge.hole];
         let (to, from) = (self.ring[bridge.on_ring], hole[bridge.on_hole]);
@@ -199,20 +205,20 @@ fn edge(a: [i64; 2], b: [i64; 2]) -> [[i64; 2]; 2] {
     [a.min(b), a.max(b)]
 }
 
-/// Takes edges out of a ring that it passes in both directions: what is left are the rings of the face, as indices
-/// of corners. It covers the same points as before.
+/// Removes edges that a ring passes in both directions, and returns the remaining rings of the face
+/// as vertex indices. They enclose the same points as before.
 ///
-/// The first ring is that which encloses most; the others, in the order in which they come in the ring, are holes
-/// where they turn the other way round, and faces of their own where they do not (two faces that a bridge joined). A
-/// ring without such edges is given back as it is; nothing is given back if there is nothing else. A ring that
-/// begins in the middle of the given one begins with the first of its corners there.
+/// The first ring is the one that encloses the most area. The others keep their order. They are
+/// holes if their orientation is opposite, and otherwise separate faces that a bridge joined. A
+/// ring without such edges is returned unchanged. The result is empty if the ring has no other
+/// edges. A ring that begins within the given one begins with the first of its vertices there.
 ///
 /// # Panics
-/// If there are 2^32 corners.
+/// If there are at least 2^32 vertices.
 pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
     let count = u32::try_from(ring.len()).unwrap_or_else(|_| panic!("faces have fewer than 2^32 corners"));
     let end = |corner: u32| ring[(corner as usize + 1) % ring.len()];
-    // Edges by their ends, by the number of the corner that they start at.
+    // Sorts edges by their ends, then by the index of their start vertex.
     let key = |corner: u32| {
         let (a, b) = (ring[corner as usize], end(corner));
         (a.min(b), a.max(b), corner)
@@ -242,7 +248,7 @@ pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
         }
     }
     let mut rings = trace(&next, &mut is_out);
-    // The outer ring is the one that turns as the whole does, and encloses most.
+    // The outer ring has the orientation of the whole and encloses the most area.
     if rings.len() > 1 {
         let corners =
             |ring_: &Vec<u32>| -> Vec<[i64; 3]> { ring_.iter().map(|&i| ring[i as usize]).collect() };
@@ -259,7 +265,7 @@ pub fn split_bridges(ring: &[[i64; 3]]) -> Vec<Vec<u32>> {
     rings
 }
 
-/// The rings that are left of edges that follow one another, without those that are out.
+/// Traces the remaining rings along `next`, without removed edges.
 fn trace(next: &[u32], is_done: &mut [bool]) -> Vec<Vec<u32>> {
     let mut rings = Vec::new();
     for first in 0..next.len() {
@@ -284,7 +290,7 @@ mod tests {
 
     type Ring = Vec<[i64; 3]>;
 
-    /// Rings with their least corners first, holes in order.
+    /// Rotates each ring to begin with its smallest vertex, and sorts the holes.
     fn canonical(mut rings: Vec<Ring>) -> Vec<Ring> {
         for ring in &mut rings {
             let least = (0..ring.len()).min_by_key(|&i| ring[i]).unwrap();
@@ -294,7 +300,7 @@ mod tests {
         rings
     }
 
-    /// Joins, splits and compares; the joined ring encloses what the rings do.
+    /// Joins, splits and compares; the joined ring encloses the same points as the rings.
     fn round_trip(rings: &[Ring]) -> Ring {
         let mut ring_ends = Vec::new();
         rings.iter().for_each(|ring| ring_ends.push(ring_ends.last().unwrap_or(&0) + ring.len()));
@@ -366,7 +372,7 @@ mod tests {
     #[test]
     fn holes_that_touch() {
         let outer = square(0, 0, 12);
-        // The outline in a corner, two holes one another, and all three.
+        // A hole that touches the outline in a vertex, two holes that touch, and all three.
         let at_corner: Ring = vec![[12, 12, 12], [10, 4, 10], [4, 10, 4]];
         round_trip(&[outer.clone(), at_corner.clone()]);
         round_trip(&[outer.clone(), at_corner.clone(), vec![[10, 4, 10], [2, 2, 2], [2, 4, 2]]]);
@@ -396,7 +402,7 @@ mod tests {
         }
     }
 
-    /// A sieve: bridges are found without trying everything.
+    /// A sieve: bridges are found without trying all candidates.
     #[test]
     fn very_many_holes() {
         let side = 36;
@@ -417,7 +423,7 @@ mod tests {
             let expected = if ring.is_empty() { vec![] } else { vec![all] };
             assert_eq!(split_bridges(&ring), expected);
         }
-        // A spike goes, and so does what is nothing else.
+        // A spike is removed, and so is a ring that consists of one.
         let [a, b, c, d] = [[0, 0, 0], [4, 0, 0], [4, 4, 0], [9, 9, 0]];
         assert_eq!(split_bridges(&[a, b, c, d, c]), [[0, 1, 4]]);
         assert_eq!(split_bridges(&[a, b, c, b]), Vec::<Vec<u32>>::new());

@@ -1,11 +1,11 @@
-//! Convex polygons: triangles clipped to cells and cut by planes.
+//! Convex polygons: triangles clipped to cells and split by planes.
 
-/// A point, in cells of a cube.
+/// A point, in units of a cube's cells.
 pub type Point = [f64; 3];
 
-/// A convex polygon: a triangle cut by up to six planes has up to 9 corners. (There is room for a few more,
-/// since rounding may make a polygon that is parallel to a plane cross it more than twice; what does not fit
-/// then has no area to speak of.)
+/// A convex polygon. A triangle that was clipped by up to six planes has up to 9 vertices. The
+/// capacity is slightly larger, since rounding may make an almost parallel polygon cross a plane
+/// more than twice. Vertices beyond the capacity are dropped; the lost area is negligible.
 #[derive(Clone, Copy)]
 pub struct ClippedPolygon {
     points: [Point; 12],
@@ -15,7 +15,8 @@ pub struct ClippedPolygon {
 impl ClippedPolygon {
     const NONE: ClippedPolygon = ClippedPolygon { points: [[0.0; 3]; 12], len: 0 };
 
-    /// A triangle of grid points, in cells of so many grid steps from a grid point.
+    /// Converts a triangle of grid points to units of cells, which are `cell` grid units wide and
+    /// begin at `min`.
     #[inline]
     pub fn of_triangle(corners: &[[i32; 3]; 3], min: [i32; 3], cell: i32) -> ClippedPolygon {
         let scale = 1.0 / f64::from(cell);
@@ -31,7 +32,7 @@ impl ClippedPolygon {
         polygon
     }
 
-    /// Corners of the polygon.
+    /// Returns the polygon's vertices.
     #[inline]
     pub fn points(&self) -> &[Point] {
         &self.points[..self.len]
@@ -45,20 +46,20 @@ impl ClippedPolygon {
         }
     }
 
-    /// Least and greatest coordinate along an axis.
+    /// Returns the minimum and maximum coordinate along an axis.
     #[inline]
     pub fn range(&self, axis: usize) -> (f64, f64) {
         range(self.points().iter().map(|point| point[axis]))
     }
 
-    /// The mean of the corners, a point of the polygon.
+    /// Returns the mean of the vertices, a point of the polygon.
     #[inline]
     pub fn middle(&self) -> Point {
         let points = self.points();
         std::array::from_fn(|axis| points.iter().map(|point| point[axis]).sum::<f64>() / points.len() as f64)
     }
 
-    /// The polygon in parts that have room for more corners.
+    /// Splits the polygon into one or two polygons with free capacity for vertices.
     pub fn halves(&self) -> impl Iterator<Item = ClippedPolygon> {
         let points = self.points();
         let middle = if points.len() > 8 { points.len() / 2 } else { points.len() - 1 };
@@ -70,14 +71,15 @@ impl ClippedPolygon {
         [Some(ClippedPolygon::of_points(&points[..=middle])), rest].into_iter().flatten()
     }
 
-    /// Clips the polygon at a plane across an axis: the parts below and above it.
+    /// Splits the polygon at a plane across an axis: returns the fragments below and above it.
     #[inline]
     pub fn split(&self, axis: usize, plane: f64) -> (ClippedPolygon, ClippedPolygon) {
         self.split_by(|point| point[axis] - plane, |cut| cut[axis] = plane)
     }
 
-    /// Clips the polygon where a linear function is zero: the parts where it is below and above (Sutherland and
-    /// Hodgman, 1974). `onto` moves a point that was found to where it is zero exactly.
+    /// Splits the polygon at the zero of a linear function: returns the fragments with negative and
+    /// positive values (Sutherland and Hodgman, 1974). `onto` moves a computed point to where the
+    /// function is exactly zero.
     #[inline]
     pub fn split_by(
         &self,
@@ -107,19 +109,20 @@ impl ClippedPolygon {
     }
 }
 
-/// Least and greatest of some numbers.
+/// Returns the minimum and maximum of some numbers.
 #[inline]
 pub fn range(numbers: impl Iterator<Item = f64>) -> (f64, f64) {
     numbers.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)))
 }
 
-/// Cuts a polygon into what lies in each cell of a cube with so many along each axis: hands out the part, its cell, and
-/// whether it cuts the cell and does not only lie in the wall at which the cell begins.
+/// Clips a polygon to the cells of a cube with `side` cells per axis. Visits each fragment with its
+/// cell and a flag. The flag is false if the fragment is only in the cell's lower wall and does not
+/// cut the cell.
 pub fn clip(polygon: ClippedPolygon, side: usize, each: &mut impl FnMut(&ClippedPolygon, [usize; 3], bool)) {
     clip_along(polygon, side, 3, ([0; 3], true), each);
 }
 
-/// Cuts a polygon along the first `axes` axes, one after the other.
+/// Clips a polygon along the first `axes` axes, the last one first.
 #[inline]
 fn clip_along(
     polygon: ClippedPolygon,
@@ -145,7 +148,7 @@ fn clip_along(
     }
     let first = low.max(0.0) as usize;
     if low == high && low == low.trunc() {
-        // In the wall at which a cell begins.
+        // In the cell's lower wall.
         return clip_along(polygon, side, axis, (at(first), false), each);
     }
     let end = (high.ceil() as usize).min(side);

@@ -1,5 +1,5 @@
-//! Ear clipping with exact integers: slow (the square of the number of corners, or more), but it keeps every corner. Its work
-//! is bounded.
+//! Ear clipping with exact integers. It takes quadratic time or more in the number of vertices, but
+//! keeps every vertex. Its work is bounded.
 
 use std::cell::Cell;
 use std::collections::HashSet;
@@ -7,14 +7,14 @@ use std::collections::HashSet;
 use super::turn::turn;
 use spinney_base::sort;
 
-/// Corners looked at for each corner of a face, before that is given up.
+/// Maximum number of vertex visits per vertex of a face; more abort the clipping.
 const MAX_VISITS: u64 = 4096;
 
-/// Cuts flat rings into triangles that turn counterclockwise.
+/// Triangulates flat rings into counterclockwise triangles.
 pub(super) struct Ears<'a> {
     flat: &'a [[i64; 2]],
     triangles: Vec<[u32; 3]>,
-    /// Corners that were looked at, each as often as it was.
+    /// Number of vertex visits so far.
     looks: Cell<u64>,
 }
 
@@ -23,10 +23,10 @@ impl<'a> Ears<'a> {
         Ears { flat, triangles: Vec::new(), looks: Cell::new(0) }
     }
 
-    /// Triangles of the region between a counterclockwise ring and clockwise holes.
+    /// Triangulates the region between a counterclockwise ring and clockwise holes.
     ///
-    /// The triangles are right if the rings do not cross; what comes out otherwise, or when the work has become
-    /// too much, is anything, and the caller finds out.
+    /// The triangles are correct if the rings do not cross. If they do, or if the work exceeds its
+    /// limit, the result is arbitrary, and the caller has to check it.
     pub(super) fn cut(&mut self, rings: Vec<Vec<u32>>) -> Vec<[u32; 3]> {
         let rings = self.touch_in_corners(rings);
         if let Some(ring) = self.join(rings) {
@@ -35,12 +35,12 @@ impl<'a> Ears<'a> {
         std::mem::take(&mut self.triangles)
     }
 
-    /// Corners looked at until now.
+    /// Returns the number of vertex visits so far.
     pub(super) fn looks(&self) -> u64 {
         self.looks.get()
     }
 
-    /// Counts corners that are looked at, and says whether it is time to give up.
+    /// Counts vertex visits, and returns whether they exceed the limit.
     fn is_too_much(&self, corners: usize) -> bool {
         self.looks.set(self.looks.get() + corners as u64);
         self.looks.get() > MAX_VISITS * self.flat.len() as u64
@@ -54,15 +54,15 @@ impl<'a> Ears<'a> {
         turn(self.at(a), self.at(b), self.at(c))
     }
 
-    /// Whether a corner lies between the ends of an edge.
+    /// Returns whether a vertex is strictly between the ends of an edge.
     fn is_between(&self, corner: u32, a: u32, b: u32) -> bool {
         let (p, a_at, b_at) = (self.at(corner), self.at(a), self.at(b));
         let within = |i: usize| a_at[i].min(b_at[i]) <= p[i] && p[i] <= a_at[i].max(b_at[i]);
         within(0) && within(1) && p != a_at && p != b_at && self.turn(a, b, corner) == 0
     }
 
-    /// Leads edges through the corners that lie on them: a triangle without area between the edge and the
-    /// corner keeps the edge itself.
+    /// Splits edges at the vertices on them. A triangle without area between the edge and the
+    /// vertex keeps the original edge.
     fn touch_in_corners(&mut self, mut rings: Vec<Vec<u32>>) -> Vec<Vec<u32>> {
         let mut corners: Vec<u32> = rings.iter().flatten().copied().collect();
         corners.sort_unstable_by_key(|&corner| self.at(corner));
@@ -77,7 +77,7 @@ impl<'a> Ears<'a> {
                 let last = corners.partition_point(|&corner| self.at(corner)[0] <= high);
                 let on_edge = corners[first..last].iter().copied().filter(|&c| self.is_between(c, a, b));
                 let mut on_edge: Vec<u32> = on_edge.collect();
-                // They are in the order of their coordinates.
+                // They are sorted by their coordinates.
                 if self.at(a) > self.at(b) {
                     on_edge.reverse();
                 }
@@ -93,13 +93,13 @@ impl<'a> Ears<'a> {
         rings
     }
 
-    /// One ring out of all: holes join where they touch, or else over a bridge that is crossed in both
-    /// directions.
+    /// Joins all rings to one. Holes are joined where they touch, or else by a bridge that is
+    /// passed in both directions.
     fn join(&self, rings: Vec<Vec<u32>>) -> Option<Vec<u32>> {
         let mut holes = rings.into_iter();
         let mut ring = holes.next()?;
         let mut holes: Vec<Vec<u32>> = holes.filter(|hole| !hole.is_empty()).collect();
-        // The hole that reaches farthest sees a corner of the ring, since no other hole is in between.
+        // No other hole obstructs the farthest one, so a vertex of the ring is visible from it.
         let farthest = |hole: &Vec<u32>| hole.iter().map(|&corner| sort::flat_key(self.at(corner))).max();
         sort::by_wide_key(&mut holes, |hole| farthest(hole).unwrap_or(0));
         let mut taken: HashSet<[i64; 2]> = ring.iter().map(|&corner| self.at(corner)).collect();
@@ -120,14 +120,15 @@ impl<'a> Ears<'a> {
             joined.extend(&hole[on_hole..]);
             joined.extend(&hole[..=on_hole]);
             joined.extend(&ring[on_ring..]);
-            // Where they touch, no step from a corner to itself, which has no direction.
+            // Drop repeated vertices where the rings touch: an edge from a vertex to itself has no
+            // direction.
             joined.dedup();
             ring = joined;
         }
         Some(ring)
     }
 
-    /// A contact of a hole with the ring: indices of a shared corner in both.
+    /// Returns a contact between a hole and the ring: the indices of a shared vertex in both.
     fn contact(&self, ring: &[u32], hole: &[u32]) -> Option<(usize, usize)> {
         for (on_hole, &corner) in hole.iter().enumerate() {
             let next = hole[(on_hole + 1) % hole.len()];
@@ -143,7 +144,8 @@ impl<'a> Ears<'a> {
         None
     }
 
-    /// The shortest way from the last hole's farthest corner to a corner of the ring that crosses nothing.
+    /// Returns the shortest bridge from the last hole's farthest vertex to the ring that crosses
+    /// nothing.
     fn bridge(&self, ring: &[u32], holes: &[Vec<u32>]) -> Option<(usize, usize)> {
         let hole = holes.last()?;
         let on_hole = (0..hole.len()).max_by_key(|&i| self.at(hole[i]))?;
@@ -167,7 +169,8 @@ impl<'a> Ears<'a> {
         candidates.find(is_free).map(|on_ring| (on_ring, on_hole))
     }
 
-    /// Whether a ring has a corner between two points, or an edge that crosses their segment.
+    /// Returns whether a ring has a vertex between two points, or an edge that crosses their
+    /// segment.
     pub(super) fn is_blocked(&self, from: u32, to: u32, ring: &[u32]) -> bool {
         (0..ring.len()).any(|i| {
             let (a, b) = (ring[i], ring[(i + 1) % ring.len()]);
@@ -177,7 +180,8 @@ impl<'a> Ears<'a> {
         })
     }
 
-    /// Whether the way from a ring's corner towards another one starts on the left of the ring.
+    /// Returns whether the segment from a ring's vertex towards another point starts on the ring's
+    /// left.
     pub(super) fn opens_to(&self, ring: &[u32], index: usize, towards: u32) -> bool {
         let corner = ring[index];
         let before = ring[(index + ring.len() - 1) % ring.len()];
@@ -185,7 +189,8 @@ impl<'a> Ears<'a> {
         self.is_in_angle(before, corner, after, towards)
     }
 
-    /// Whether a point lies strictly between the two sides of an angle, on the left of the way through it.
+    /// Returns whether a point is strictly between the two sides of an angle, on the left of the
+    /// path through it.
     fn is_in_angle(&self, before: u32, corner: u32, after: u32, point: u32) -> bool {
         let left_of_before = self.turn(before, corner, point) > 0;
         let left_of_after = self.turn(corner, after, point) > 0;
@@ -193,11 +198,11 @@ impl<'a> Ears<'a> {
         if bend > 0 || bend == 0 && !self.turns_back(before, corner, after) {
             left_of_before && left_of_after
         } else if bend == 0 {
-            // All around, but not along the way itself.
+            // A spike: any direction but that of its own edges.
             self.turn(before, corner, point) != 0 || self.is_ahead(before, corner, point)
         } else {
             left_of_before || left_of_after || {
-                // On the prolongation of one side, within the reflex angle.
+                // On the extension of one side, within the reflex angle.
                 self.turn(before, corner, point) == 0 && self.is_ahead(before, corner, point)
                     || self.turn(corner, after, point) == 0 && self.is_ahead(after, corner, point)
             }
@@ -208,7 +213,7 @@ impl<'a> Ears<'a> {
         !self.is_ahead(before, corner, after)
     }
 
-    /// Whether a point lies on the far side of a corner as seen from the one before.
+    /// Returns whether a point is on the far side of a vertex as seen from the previous one.
     fn is_ahead(&self, before: u32, corner: u32, point: u32) -> bool {
         let product = |i: usize| {
             i128::from(self.at(corner)[i] - self.at(before)[i])
@@ -217,11 +222,11 @@ impl<'a> Ears<'a> {
         product(0) + product(1) > 0
     }
 
-    /// Cuts off ear after ear, going round.
+    /// Clips ears cyclically.
     fn clip(&mut self, mut ring: Vec<u32>) {
         let mut index = 0;
-        // Every simple ring has an ear: a whole round without one means rings that cross, which the caller
-        // finds out.
+        // Every simple ring has an ear. A full turn without one means that rings cross, which the
+        // caller detects.
         let mut failures = 0;
         while ring.len() > 2 && failures < ring.len() {
             index %= ring.len();
@@ -236,7 +241,7 @@ impl<'a> Ears<'a> {
                 }
                 ring.remove(index);
                 failures = 0;
-                // Not at once the neighbour's turn: fans make long thin triangles.
+                // Skip the neighbour: fans would make long, thin triangles.
                 index += 1;
             } else {
                 failures += 1;
@@ -245,13 +250,14 @@ impl<'a> Ears<'a> {
         }
     }
 
-    /// Whether the triangle at a corner lies within the ring, with no other corner inside or on it.
+    /// Returns whether the triangle at a vertex is within the ring, with no other vertex inside or
+    /// on it.
     fn is_ear(&self, ring: &[u32], index: usize) -> bool {
         let neighbours =
             |index: usize| [ring[(index + ring.len() - 1) % ring.len()], ring[(index + 1) % ring.len()]];
         let (corner, [before, after]) = (ring[index], neighbours(index));
         let ends = [before, corner, after].map(|c| self.at(c));
-        // A step to the same point, or there and back: nothing is cut off.
+        // Repeated vertices or a spike: no area is clipped.
         if ends[0] == ends[1] || ends[1] == ends[2] || ends[2] == ends[0] {
             return true;
         }
@@ -270,7 +276,7 @@ impl<'a> Ears<'a> {
                 return true;
             }
             if at == ends[1] {
-                // Another pass through this corner must not lead into the triangle.
+                // Another path through this vertex must not enter the triangle.
                 return i == index
                     || neighbours(i).iter().all(|&next| {
                         self.at(next) == ends[1] || !self.is_in_angle(before, corner, after, next)

@@ -1,13 +1,13 @@
-//! Outcomes of the tests of a face against an octant, and how many of them each test decided.
+//! Results of face-octant tests, and statistics of the deciding stages.
 
-/// The test that gave the answer; the paper's numbers.
+/// The stage that decided a test, with the paper's numbers (see `polygon.rs`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
     /// 1: the face's bounds and the octant.
     Boxes,
-    /// 2: the face's plane and the octant. More than the paper's: not only a plane along a wall, but every
-    /// plane that does not pass through the octant's inside ends here, also what the paper's (4) and (5)
-    /// reject in test 4.
+    /// 2: the face's plane and the octant. This stage decides more than the paper's: it rejects
+    /// every plane that misses the octant's interior, not only planes along walls. It includes what
+    /// the paper's (4) and (5) reject in test 4.
     Planes,
     /// 3: the face's vertices and the octant: (1) and (2).
     Vertices,
@@ -15,36 +15,36 @@ pub enum Stage {
     Section,
     /// 5: the section and the holes: (11) to (17).
     Holes,
-    /// None of the paper's: the triangles of a face that is not planar.
+    /// Not in the paper: the triangles of a face that is not planar.
     Triangles,
 }
 
-/// Outcome of testing a face against an octant.
+/// Result of testing a face against an octant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Intersection {
-    /// Whether the face has a point in common with the octant's inside.
+    /// Whether the face shares a point with the octant's interior.
     pub cuts: bool,
-    /// The test that decided.
+    /// The stage that decided.
     pub stage: Stage,
 }
 
-/// Numbers of outcomes by the test that decided.
+/// Numbers of results by deciding stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stages {
     /// Faces that do not cut the octant, in the order of [`Stage`].
     pub apart: [u64; 6],
-    /// Faces that do, in the same order.
+    /// Faces that cut the octant, in the same order.
     pub cutting: [u64; 6],
 }
 
 impl Stages {
-    /// Counts the outcome of one test.
+    /// Counts the result of one test.
     pub fn count(&mut self, found: Intersection) {
         let side = if found.cuts { &mut self.cutting } else { &mut self.apart };
         side[found.stage as usize] += 1;
     }
 
-    /// Tests that decided anything: name, outcomes without an intersection, and with one.
+    /// Returns the stages that decided any test: name, misses and hits.
     pub fn named(&self) -> impl Iterator<Item = (&'static str, u64, u64)> {
         let names = ["boxes", "planes", "vertices", "section", "holes", "triangles"];
         let counts = self.apart.into_iter().zip(self.cutting);
@@ -52,7 +52,7 @@ impl Stages {
         all.filter(|(_, apart, cutting)| apart + cutting > 0)
     }
 
-    /// Adds the counts of another walk.
+    /// Adds other counts.
     pub fn add(&mut self, other: &Stages) {
         for stage in 0..6 {
             self.apart[stage] += other.apart[stage];

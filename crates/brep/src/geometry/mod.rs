@@ -1,4 +1,4 @@
-//! Polygons with holes on an integer grid: against octants, into triangles, and as
+//! Polygons with holes on an integer grid: octant intersection, triangulation, and conversion to
 //! single rings. Exact, in integers.
 
 mod box3;

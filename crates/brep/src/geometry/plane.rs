@@ -1,22 +1,23 @@
-//! The plane of a face, exact, and the directions to look at it from.
+//! Exact planes of faces, and lines along an axis through them.
 
 use super::box3::Box3;
 use crate::exact::normal::newell;
 use crate::exact::vector::{dot, main_axis, others};
 
-/// A plane on the integer grid: the points whose product with the normal is the offset.
+/// A plane on the integer grid: the points whose dot product with the normal is the offset.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Plane {
-    /// Twice the area that the ring encloses in each projection along an axis, seen from that axis' positive
-    /// end.
+    /// Twice the area that the ring encloses in each projection along an axis, seen from that axis'
+    /// positive end.
     pub(super) normal: [i128; 3],
     offset: i128,
 }
 
 impl Plane {
-    /// The plane of a ring after Newell, through its first corner; `None` if the ring encloses no area.
+    /// Returns the plane of a ring through its first vertex (Newell's method), or `None` if the
+    /// ring encloses no area.
     ///
-    /// For a ring that is not planar it is a plane with the ring's mean direction.
+    /// The plane of a ring that is not planar has the ring's mean direction.
     pub(super) fn of_ring(ring: &[[i64; 3]]) -> Option<Plane> {
         let &first = ring.first()?;
         let mut plane = Plane { normal: newell(ring), offset: 0 };
@@ -24,13 +25,13 @@ impl Plane {
         (plane.normal != [0; 3]).then_some(plane)
     }
 
-    /// Whether a point lies in the plane.
+    /// Returns whether a point is in the plane.
     pub(super) fn contains(&self, point: &[i64; 3]) -> bool {
         self.height(point) == self.offset
     }
 
-    /// Whether the plane passes through the inside of an octant, not only along a wall, an edge or a corner
-    /// of it.
+    /// Returns whether the plane intersects the octant's interior; touching a wall, an edge or a
+    /// corner is not enough.
     pub(super) fn cuts(&self, octant: &Box3) -> bool {
         let (mut low, mut high) = (0, 0);
         for axis in 0..3 {
@@ -44,7 +45,7 @@ impl Plane {
         low < self.offset && self.offset < high
     }
 
-    /// The axis along which the plane is seen largest.
+    /// Returns the axis along which the plane's projection is largest.
     pub(super) fn main_axis(&self) -> usize {
         main_axis(self.normal)
     }
@@ -53,13 +54,14 @@ impl Plane {
         dot(self.normal, point.map(i128::from))
     }
 
-    /// A line along an axis that meets the plane inside the octant; the plane must cut the octant.
+    /// Returns an axis-parallel line that meets the plane inside the octant; the plane must cut the
+    /// octant.
     ///
-    /// Where a plane cuts an octant, it crosses an edge of it between the ends, or it passes through two
-    /// parallel edges, or through the three corners next to one: removing less does not part the corners on
-    /// its one side from those on its other. Along an edge that is crossed goes a line, and in the two other
-    /// cases through the centre of a wall along one of its sides' directions; so nine lines along each axis
-    /// are enough.
+    /// A plane that cuts an octant crosses one of its edges between the ends, or contains two
+    /// parallel edges, or contains the three corners next to a corner: fewer corners in the plane
+    /// would not separate the corners on its two sides. In the first case, the line follows the
+    /// crossed edge. In the other two, it passes a wall's centre, parallel to a side of that wall.
+    /// So nine lines along each axis are sufficient.
     pub(super) fn line_into(&self, octant: &Box3) -> Option<Line> {
         let coordinates = |axis: usize| {
             let (low, high) = (octant.min[axis], octant.max[axis]);
@@ -87,15 +89,15 @@ impl Plane {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Line {
     axis: usize,
-    /// On the two other axes: twice the line's coordinate, and whether the line is just above it, or just
-    /// below. "Just" is less than anything that can be told apart, and on the second axis much less than on
-    /// the first.
+    /// For each of the two other axes: twice the line's coordinate, and whether the line is
+    /// infinitesimally above it or below. The offset along the second axis is infinitesimal
+    /// relative to that along the first.
     at: [(i64, bool); 2],
 }
 
 impl Line {
-    /// Whether the line passes through the region that a ring encloses by the even-odd rule: exact, for a
-    /// line that does not meet the ring itself.
+    /// Returns whether the line passes through the region that a ring encloses, by the even-odd
+    /// rule. Exact, if the line does not meet the ring itself.
     pub(super) fn passes_through(&self, ring: &[[i64; 3]]) -> bool {
         let [j, k] = others(self.axis);
         let [(at_j, above_j), (at_k, above_k)] = self.at;
@@ -109,9 +111,8 @@ impl Line {
             let along = [b[j] - a[j], b[k] - a[k]].map(i128::from);
             let to_line = [at_j - 2 * a[j], at_k - 2 * a[k]].map(i128::from);
             let turn = along[0] * to_line[1] - along[1] * to_line[0];
-            // Whether the edge passes the line on the side of greater coordinates. If it seems to go right
-            // through the line, the first axis decides: the line is farther from its coordinate there than on
-            // the second.
+            // Whether the edge passes the line on the side of larger coordinates. If it seems to
+            // meet the line, the first axis decides, since the line's offset is larger there.
             is_inside ^= if turn == 0 { !above_j } else { (turn > 0) == is_above(b) };
         }
         is_inside
@@ -122,8 +123,8 @@ impl Line {
 mod tests {
     use super::*;
 
-    /// Every plane that cuts an octant has a line of [`Plane::line_into`], also where it crosses no edge of
-    /// it.
+    /// Every plane that cuts an octant has a line of [`Plane::line_into`], even if it crosses no
+    /// edge of the octant.
     #[test]
     fn there_is_always_a_line_into_the_octant() {
         let octant = Box3 { min: [-1; 3], max: [1, 2, 1] };

@@ -1,12 +1,12 @@
-//! Intersection of a face with an octant: five tests, each closer than the one before, as in N. Trstenjak, B.
-//! Zalik and N. Guid, "An algorithm for boundary to octree conversion", Informatica 2/91.
+//! Intersection of a face with an octant in five stages of increasing accuracy, as in N. Trstenjak,
+//! B. Zalik and N. Guid, "An algorithm for boundary to octree conversion", Informatica 2/91.
 //!
-//! The tests are the paper's; how they are decided is not. The paper counts how many vertices of the octant's
-//! section with the face's plane lie inside, outside and on the boundary of the face, and its rule (10)
-//! answers wrong where an edge of the face passes through two of these vertices, and not at all where it does
-//! so with others inside and outside. Here an edge that passes through the octant's inside decides by itself,
-//! and where none does, the section lies on one side of the boundary as a whole, so that one point of it
-//! decides. Nothing is divided or rounded.
+//! The stages are the paper's, but their criteria differ. The paper counts the vertices of the
+//! octant's section with the face's plane that are inside, outside and on the boundary of the face.
+//! Its rule (10) is wrong where an edge of the face passes through two of these vertices, and
+//! undefined where others are both inside and outside. Here, an edge that passes through the
+//! octant's interior decides alone. If there is none, the whole section is on one side of the
+//! boundary, so one point of it decides. Nothing is divided or rounded.
 
 use super::box3::Box3;
 use super::intersection::{Intersection, Stage};
@@ -14,12 +14,12 @@ use super::plane::Plane;
 use super::triangle;
 use super::triangulate::Triangulator;
 
-/// A face with its holes on the integer grid, coordinates at most 2^31 in magnitude.
+/// A face with its holes on the integer grid; coordinates are at most 2^31 in magnitude.
 ///
-/// It is a closed set: its boundary, that of its holes included, belongs to it. Concave faces, any number of
-/// holes, and holes that touch the boundary or one another are fine. Snapping to the grid bends faces; one
-/// whose corners are not exactly in one plane is taken as the triangles of its triangulation, and so has no
-/// cracks to its neighbours.
+/// The face is a closed set: it includes its boundary and those of its holes. Concave faces, any
+/// number of holes, and holes that touch the boundary or each other are supported. Snapping to the
+/// grid bends faces: a face whose vertices are not exactly in one plane is represented by its
+/// triangulation, and so has no cracks to its neighbours.
 #[derive(Clone, Debug)]
 pub struct GridPolygon {
     points: Vec<[i64; 3]>,
@@ -34,23 +34,25 @@ enum Surface {
     Bent(Vec<[u32; 3]>),
 }
 
-/// Reason why some rings are not a face.
+/// Reason why rings are not a valid face.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Flaw {
-    /// The outer ring encloses no area: nothing is lost without this face.
+    /// The outer ring encloses no area: the face can be dropped without loss.
     NoArea,
-    /// Corners are not in one plane, and no triangles cover the face and nothing else: rings cross.
+    /// Vertices are not in one plane, and no triangulation covers exactly the face: rings cross.
     NotSimple,
 }
 
 impl GridPolygon {
-    /// A face of rings, the outer ring first; `ring_ends` says where each ring ends in `points`.
+    /// Creates a face from rings, the outer ring first; `ring_ends` has the end of each ring in
+    /// `points`.
     ///
     /// # Errors
-    /// If the rings are no face, see [`Flaw`]. Rings that cross go unnoticed if all corners are in one plane.
+    /// If the rings are not a face, see [`Flaw`]. Crossing rings are not detected if all vertices
+    /// are in one plane.
     ///
     /// # Panics
-    /// If `ring_ends` does not rise up to the number of points.
+    /// If `ring_ends` does not ascend to the number of points.
     pub fn new(
         points: &[[i64; 3]],
         ring_ends: &[usize],
@@ -72,19 +74,19 @@ impl GridPolygon {
         Ok(GridPolygon { points: points.to_vec(), ring_ends: ring_ends.to_vec(), bounds, shape })
     }
 
-    /// Whether all corners are exactly in one plane.
+    /// Returns whether all vertices are exactly in one plane.
     pub fn is_planar(&self) -> bool {
         matches!(self.shape, Surface::Planar(_))
     }
 
-    /// The least box around the face.
+    /// Returns the bounding box of the face.
     pub fn bounds(&self) -> Box3 {
         self.bounds
     }
 
-    /// Whether the face has a point in common with the octant's inside; touching a wall, an edge or a corner
-    /// of the octant is not enough, and neither is lying in a wall. The octant's sides are at least one unit
-    /// long.
+    /// Tests whether the face shares a point with the octant's interior. A face that touches a
+    /// wall, an edge or a corner of the octant, or is in a wall, does not. The octant's sides are
+    /// at least one unit long.
     pub fn cuts(&self, octant: &Box3) -> Intersection {
         let decided = |cuts, stage| Intersection { cuts, stage };
         if !octant.inside_meets(&self.bounds) {
@@ -92,7 +94,7 @@ impl GridPolygon {
         }
         match &self.shape {
             Surface::Planar(plane) if !plane.cuts(octant) => decided(false, Stage::Planes),
-            // (2) and the part of (1) that does not ask for a plane.
+            // (2), and the case of (1) that needs no plane.
             _ if self.points.iter().any(|point| octant.has_inside(point)) => decided(true, Stage::Vertices),
             Surface::Planar(plane) => self.cuts_by_section(plane, octant),
             Surface::Bent(triangles) => {
@@ -103,19 +105,21 @@ impl GridPolygon {
         }
     }
 
-    /// The rest of test 3, and tests 4 and 5, for a plane that cuts the octant, and no vertex inside (3).
+    /// Decides the rest of stage 3, and stages 4 and 5, for a plane that cuts the octant, and no
+    /// vertex inside (3).
     fn cuts_by_section(&self, plane: &Plane, octant: &Box3) -> Intersection {
         let decided = |cuts, stage| Intersection { cuts, stage };
-        // (1) with all vertices on walls: the face is a part of the section, whose inside is inside the
-        // octant.
+        // (1) with all vertices on walls: the face is a subset of the section, whose interior is
+        // inside the octant.
         if self.outer().iter().all(|point| octant.contains(point)) {
             return decided(true, Stage::Vertices);
         }
         if crosses(self.outer(), octant) {
             return decided(true, Stage::Section);
         }
-        // The section is not crossed by the boundary: any line into it tells on which side all of it is. This
-        // is the centre point of (8), and it answers (7), (9) and (10) too.
+        // The boundary does not cross the section, so any line into the section decides on which
+        // side of the boundary it is. This is the centre point of (8), and decides (7), (9) and
+        // (10), too.
         let Some(line) = plane.line_into(octant) else {
             unreachable!(
                 "a plane that cuts an octant, without a line that meets it there: {plane:?}, {octant:?}"
@@ -127,8 +131,9 @@ impl GridPolygon {
         if self.ring_ends.len() == 1 {
             return decided(true, Stage::Section);
         }
-        // Holes may touch the boundary and one another, so all of them are looked at, whatever (7) says. A
-        // hole whose boundary does not cross the section has all of it (11 to 14) or nothing (15 to 17).
+        // Holes may touch the boundary and each other, so all of them are tested, regardless of
+        // (7). A hole whose boundary does not cross the section contains all of it (11 to 14) or
+        // nothing (15 to 17).
         let cuts = self.holes().any(|hole| crosses(hole, octant))
             || !self.holes().any(|hole| line.passes_through(hole));
         decided(cuts, Stage::Holes)
@@ -143,7 +148,7 @@ impl GridPolygon {
     }
 }
 
-/// Whether an edge of the ring passes through the octant's inside.
+/// Returns whether an edge of the ring passes through the octant's interior.
 fn crosses(ring: &[[i64; 3]], octant: &Box3) -> bool {
     (0..ring.len())
         .any(|i| triangle::segment_cuts(ring[i], ring[(i + 1) % ring.len()], octant.min, octant.max))

@@ -1,27 +1,28 @@
-//! Edges that a sweep's line cuts, in order: a list in pieces, so that putting in and taking out move little.
+//! The sweep line's status: its edges in order, in blocks, so that insertion and removal move few
+//! entries.
 
-/// Most edges of a piece.
+/// Maximum number of edges per block.
 const MOST: usize = 512;
 
-/// A place in the list: the number of a piece, and a place in it.
+/// A position in the list: the index of a block, and an index in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Place {
     piece: usize,
     index: usize,
 }
 
-/// Numbers of edges in the order in which they are put in; there is no empty piece.
+/// Edge numbers in sweep-line order; no block is empty.
 #[derive(Default)]
 pub(super) struct Status {
     pieces: Vec<Vec<u32>>,
 }
 
 impl Status {
-    // Invariant: no piece is empty, since the last edge of one takes it away. So the last edge of a piece
-    // tells whether a search has to go on, and the edge before the first of a piece is the last of the piece
-    // before. Else `before` would find no edge below a corner, and what is inside would seem to be
-    // outside.
-    /// The place of the first edge without a property that those before it have.
+    // Invariant: no block is empty, since removing its last edge removes the block. So a search can
+    // skip a block by its last edge, and the edge before a block's first one is the previous
+    // block's last one. Otherwise, `before` would find no edge below a vertex, and the inside would
+    // be taken for the outside.
+    /// Returns the position of the first edge without a property that all edges before it have.
     pub(super) fn first_not(&self, has: impl Fn(u32) -> bool) -> Place {
         let piece = self.pieces.partition_point(|piece| piece.last().is_some_and(|&edge| has(edge)));
         let index = self.pieces.get(piece).map_or(0, |piece| piece.partition_point(|&edge| has(edge)));
@@ -32,7 +33,7 @@ impl Status {
         self.pieces.get(place.piece)?.get(place.index).copied()
     }
 
-    /// The edge before a place.
+    /// Returns the edge before a position.
     pub(super) fn before(&self, Place { piece, index }: Place) -> Option<u32> {
         match (piece, index) {
             (0, 0) => None,
@@ -41,7 +42,7 @@ impl Status {
         }
     }
 
-    /// Takes out the edge at a place, and gives that of the next one.
+    /// Removes the edge at a position, and returns the position of the next one.
     pub(super) fn remove(&mut self, Place { piece, index }: Place) -> Place {
         self.pieces[piece].remove(index);
         if self.pieces[piece].is_empty() {
@@ -54,7 +55,7 @@ impl Status {
         }
     }
 
-    /// Puts an edge before the one at a place, and gives its own place.
+    /// Inserts an edge before the one at a position, and returns its own position.
     pub(super) fn insert(&mut self, mut place: Place, edge: u32) -> Place {
         if place.piece == self.pieces.len() {
             match self.pieces.last() {
@@ -84,7 +85,7 @@ mod tests {
     #[test]
     fn order_is_kept_over_pieces() {
         let mut status = Status::default();
-        // Numbers by a fixed permutation, each to its place.
+        // Numbers in a fixed permutation, each inserted in order.
         let count = 5003;
         for i in 0..count {
             let edge = i * 1009 % count;
@@ -95,7 +96,7 @@ mod tests {
         }
         assert!(status.pieces.len() > 5);
         assert!(status.pieces.concat().into_iter().eq(0..count));
-        // Every place leads to the next one.
+        // Each position leads to the next one.
         let mut place = status.first_not(|other| other < 7);
         for edge in 7..count {
             assert_eq!(status.get(place), Some(edge));

@@ -1,11 +1,12 @@
-//! Triangulation by a sweep with exact integers: the logarithm of the number of corners per corner, whatever the rings
-//! look like.
+//! Triangulation by a plane sweep with exact integers. It takes `O(n log n)` time for `n` vertices,
+//! whatever the rings' shape.
 //!
-//! After S. Hertel and K. Mehlhorn, "Fast triangulation of simple polygons", FCT 1983: a line goes over the corners
-//! from left to right. It cuts the inside into intervals between an edge and the next one above, and in front of the
-//! triangles that are already made, each interval has a chain of corners, concave as seen from the right, to whose ends the
-//! two edges go. A corner is joined to all corners of the chain that it sees. Any number of edges may meet in a
-//! corner, so that rings may touch; an edge through a corner is divided there.
+//! After S. Hertel and K. Mehlhorn, "Fast triangulation of simple polygons", FCT 1983: a line
+//! sweeps over the vertices from left to right. It divides the inside into intervals between an
+//! edge and the next one above. Each interval has a chain of vertices on its left, next to the
+//! finished triangles. The chain is concave as seen from the right, and the two edges end at its
+//! ends. A new vertex is connected to all chain vertices that are visible from it. Any number of
+//! edges may meet in a vertex, so rings may touch. An edge through a vertex is split there.
 
 use std::cell::Cell;
 
@@ -13,23 +14,23 @@ use super::status::{Place, Status};
 use super::turn::turn;
 use spinney_base::sort;
 
-/// Number of no edge, corner or link.
+/// Marks a missing edge, vertex or link.
 const NONE: u32 = u32::MAX;
 
-/// An edge of the rings, or the part of it that the sweep has not passed.
+/// An edge of the rings, or its remainder to the right of the sweep line.
 #[derive(Clone, Copy)]
 struct Edge {
     left: u32,
     right: u32,
-    /// Whether the ring passes it from left to right: the inside is above.
+    /// Whether the ring passes it from left to right: the inside is then above.
     forward: bool,
     /// Chain of the interval above, if that is inside.
     chain: Chain,
-    /// Another edge that starts at the same corner.
+    /// Another edge that starts at the same vertex.
     sibling: u32,
 }
 
-/// A chain by its links: the lowest and highest, and the one reached last, which is farthest to the right.
+/// A chain by its links: the lowest, the highest, and the last one reached, which is the rightmost.
 #[derive(Clone, Copy)]
 struct Chain {
     front: u32,
@@ -48,21 +49,21 @@ struct Link {
     above: u32,
 }
 
-/// Rings that cross, or that enclose something twice.
+/// Error: rings cross, or enclose a region twice.
 pub(super) struct Crossing;
 
-/// Sweeps over the rings of one face.
+/// Plane sweep over the rings of one face.
 pub(super) struct Sweep<'a> {
     flat: &'a [[i64; 2]],
     edges: Vec<Edge>,
-    /// By corner: the first of the edges that start there, and the number of those that end there.
+    /// By vertex: the first of the edges that start there, and the number of edges that end there.
     starting: Vec<u32>,
     ending: Vec<u32>,
-    /// Edges that the line cuts, from below.
+    /// Edges on the sweep line, from below.
     status: Status,
     links: Vec<Link>,
     triangles: Vec<[u32; 3]>,
-    /// Corners that were looked at, each as often as it was.
+    /// Number of orientation tests so far.
     looks: Cell<u64>,
 }
 
@@ -80,15 +81,17 @@ impl<'a> Sweep<'a> {
         }
     }
 
-    /// Triangles of the region between a counterclockwise ring and clockwise holes.
+    /// Triangulates the region between a counterclockwise ring and clockwise holes.
     ///
-    /// They are right if the rings do not cross. Not every crossing is found: the caller has to look.
+    /// The triangles are correct if the rings do not cross. Not every crossing is detected: the
+    /// caller has to check the result.
     pub(super) fn cut(&mut self, rings: &[Vec<u32>]) -> Result<Vec<[u32; 3]>, Crossing> {
         let mut corners: Vec<u32> = rings.iter().flatten().copied().collect();
         sort::numbers32(&mut corners);
         corners.dedup();
         sort::by_wide_key(&mut corners, |&corner| sort::flat_key(self.at(corner)));
-        // Corners above one another in a face that is not planar: no way between them has a direction.
+        // Distinct vertices that coincide in projection (in a face that is not planar): an edge
+        // between them has no direction.
         if corners.windows(2).any(|two| self.at(two[0]) == self.at(two[1])) {
             return Err(Crossing);
         }
@@ -109,12 +112,12 @@ impl<'a> Sweep<'a> {
         Ok(std::mem::take(&mut self.triangles))
     }
 
-    /// Corners looked at until now.
+    /// Returns the number of orientation tests so far.
     pub(super) fn looks(&self) -> u64 {
         self.looks.get()
     }
 
-    /// Twice the area of a triangle, positive if it turns counterclockwise.
+    /// Returns twice the area of a triangle, positive if it is counterclockwise.
     fn turn(&self, a: u32, b: u32, c: u32) -> i128 {
         self.looks.set(self.looks.get() + 1);
         turn(self.at(a), self.at(b), self.at(c))
@@ -133,26 +136,26 @@ impl<'a> Sweep<'a> {
         self.edges.push(Edge { left, right, forward, chain: Chain::NONE, sibling });
     }
 
-    /// Twice the area between an edge and a corner, positive if that is above.
+    /// Returns twice the area between an edge and a vertex, positive if the vertex is above.
     fn side(&self, edge: u32, corner: u32) -> i128 {
         let Edge { left, right, .. } = self.edge(edge);
         self.turn(left, right, corner)
     }
 
-    /// Takes the line over a corner.
+    /// Advances the sweep line over a vertex.
     fn pass(&mut self, corner: u32) -> Result<(), Crossing> {
-        // Invariant: the edges of the status are in the order from below in which the line cuts them. They
-        // meet in their ends alone, since one that leads through a corner is divided there, and so change
-        // their order nowhere between corners. A search by halves finds the edges at a corner only because of
-        // that; where rings cross, one is missed, and the count of those that end here says so.
+        // Invariant: the status has the edges in their order along the sweep line, from below.
+        // Edges meet only at their ends, since an edge through a vertex is split there, so their
+        // order does not change between vertices. The binary search for a vertex's edges relies on
+        // that. If rings cross, it misses an edge, which the count of edges that end here detects.
         let mut place = self.status.first_not(|edge| self.side(edge, corner) > 0);
         let below = self.status.before(place);
         let ended = self.end(corner, &mut place)?;
         let starting = self.start(corner)?;
-        // Invariant: inside and outside alternate from edge to edge, below and above each corner, before it
-        // and behind it. An edge that leads to the right has the inside above; edges in one place that cancel
-        // are not put in. So an interval is inside if the edge below it says so, and only such ones have
-        // chains.
+        // Invariant: inside and outside alternate from edge to edge below and above each vertex,
+        // both to its left and to its right. A forward edge has the inside above; coincident edges
+        // that cancel are not inserted. So an interval is inside if the edge below it is a forward
+        // edge, and only such intervals have chains.
         let is_inside = |edge: Option<u32>| edge.is_some_and(|edge| self.edge(edge).forward);
         let inside_below = is_inside(below);
         let inside_above = if ended.is_empty() { inside_below } else { is_inside(ended.last().copied()) };
@@ -181,7 +184,7 @@ impl<'a> Sweep<'a> {
                     self.edges[highest as usize].chain = high;
                 }
             }
-            // Two intervals become one.
+            // Two intervals are merged.
             (None, Some(below)) if inside_below && !ended.is_empty() => {
                 let links = [low.back, high.front].map(|link| self.links[link as usize]);
                 self.links[low.back as usize].above = links[1].above;
@@ -202,7 +205,7 @@ impl<'a> Sweep<'a> {
         Ok(())
     }
 
-    /// Takes out edges that end in a corner, from below, and divides those that go through it.
+    /// Removes the edges that end in a vertex, from below, and splits those that pass through it.
     fn end(&mut self, corner: u32, place: &mut Place) -> Result<Vec<u32>, Crossing> {
         let mut ended = Vec::new();
         while let Some(edge) = self.status.get(*place).filter(|&edge| self.side(edge, corner) == 0) {
@@ -214,18 +217,19 @@ impl<'a> Sweep<'a> {
                 self.divide(edge, corner);
             }
         }
-        // Where edges cross, their order is not that in which they were put in, and they are missed.
+        // If edges cross, they are out of order, and the search misses some.
         if self.ending[corner as usize] == 0 { Ok(ended) } else { Err(Crossing) }
     }
 
-    /// Divides an edge at a corner on it: a triangle without area keeps the edge itself.
+    /// Splits an edge at a vertex on it; a triangle without area keeps the original edge.
     fn divide(&mut self, edge: u32, corner: u32) {
         let Edge { left, right, forward, .. } = self.edge(edge);
         self.triangles.push(if forward { [left, right, corner] } else { [right, left, corner] });
         self.add(corner, right, forward);
     }
 
-    /// The edges that start in a corner, from below, without those that are passed in both directions.
+    /// Returns the edges that start in a vertex, from below, without those that occur in both
+    /// directions.
     fn start(&mut self, corner: u32) -> Result<Vec<u32>, Crossing> {
         let mut edges = Vec::new();
         let mut next = self.starting[corner as usize];
@@ -246,7 +250,7 @@ impl<'a> Sweep<'a> {
                 rest.iter().take_while(|&&edge| self.side(first, self.edge(edge).right) == 0).count();
             let (same, others) = rest.split_at(together);
             rest = others;
-            // Edges upon one another: the longer ones are divided where the shortest ends.
+            // Overlapping edges: the longer ones are split where the shortest ends.
             let mut times = 0;
             for &edge in same {
                 times += if self.edge(edge).forward { 1 } else { -1 };
@@ -270,7 +274,8 @@ impl<'a> Sweep<'a> {
         Ok(starting)
     }
 
-    /// Joins a corner to the chains that it sees, and gives those of the intervals below and above it.
+    /// Connects a vertex to the chain vertices that are visible from it, and returns the chains of
+    /// the intervals below and above it.
     fn join(&mut self, corner: u32, below: Option<u32>, ended: &[u32]) -> (Chain, Chain) {
         let chain_above = |edge: Option<u32>| {
             edge.map(|edge| self.edge(edge)).filter(|edge| edge.forward).map(|edge| edge.chain)
@@ -278,7 +283,7 @@ impl<'a> Sweep<'a> {
         let interval_below = chain_above(below);
         if ended.is_empty() {
             let Some(chain) = interval_below else { return (Chain::NONE, Chain::NONE) };
-            // The corner is in the midst of an interval, and sees the last one.
+            // The vertex is within an interval, and is connected to the rightmost vertex.
             let above = self.links[chain.last as usize].above;
             let second = self.links.len() as u32;
             let last = self.links[chain.last as usize];
@@ -307,18 +312,19 @@ impl<'a> Sweep<'a> {
         (low, high)
     }
 
-    /// A chain of one corner.
+    /// Creates a chain of one vertex.
     fn chain(&mut self, corner: u32) -> Chain {
         let link = self.links.len() as u32;
         self.links.push(Link { corner, below: NONE, above: NONE });
         Chain { front: link, back: link, last: link }
     }
 
-    /// Puts a corner on top of a chain, in place of the corners that it sees beyond the highest.
-    // Invariant: a chain is concave as seen from the right, and nothing is between it and the line. So the
-    // corners that a new one sees are those at one end, up to the first that it does not see: each is looked
-    // at once more than it is taken away, which makes the work linear. Behind a corner that is hidden,
-    // triangles would lie over others.
+    /// Appends a vertex to the top of a chain, and cuts off the highest vertices that triangles
+    /// with it cover.
+    // Invariant: a chain is concave as seen from the right, and nothing is between it and the sweep
+    // line. So the vertices that are visible from a new one are at one end of the chain, up to the
+    // first one that is not. The tests are one more than the removed vertices, so the work is
+    // linear. Triangles beyond a hidden vertex would overlap others.
     fn append(&mut self, corner: u32, chain: Chain) -> Chain {
         let mut back = chain.back;
         loop {
@@ -336,7 +342,8 @@ impl<'a> Sweep<'a> {
         Chain { front: chain.front, back: new, last: new }
     }
 
-    /// Puts a corner under a chain, in place of the corners that it sees beyond the lowest.
+    /// Prepends a vertex to the bottom of a chain, and cuts off the lowest vertices that triangles
+    /// with it cover.
     fn prepend(&mut self, corner: u32, chain: Chain) -> Chain {
         let mut front = chain.front;
         loop {
@@ -354,7 +361,7 @@ impl<'a> Sweep<'a> {
         Chain { front: new, back: chain.back, last: new }
     }
 
-    /// Takes a triangle, if it turns counterclockwise.
+    /// Adds a triangle if it is counterclockwise, and returns whether it is.
     fn cut_off(&mut self, corner: u32, upper: u32, lower: u32) -> bool {
         let is_seen = self.turn(corner, upper, lower) > 0;
         if is_seen {

@@ -1,9 +1,9 @@
 //! Intersection of a triangle or an edge with an octant: exact, in integers.
 //!
-//! Separating axes: two convex bodies, one of them open, have no common point if and only if they lie on
-//! different sides of a plane (both may touch it) that is parallel to a side of one of them or to an edge of
-//! each. For a box and a triangle these are thirteen directions: three axes, the triangle's normal, nine
-//! pairs of an axis and an edge.
+//! Separating axes: two convex bodies, one of them open, are disjoint if and only if they are on
+//! different sides of a plane that both may touch. It is sufficient to test planes that are
+//! parallel to a side of one body or to an edge of each. A box and a triangle have thirteen
+//! directions: three axes, the triangle's normal, and nine pairs of an axis and an edge.
 
 use std::ops::{Add, Mul, Sub};
 
@@ -11,7 +11,7 @@ use super::intersection::{Intersection, Stage};
 use crate::exact::bounds::CUBE_ROUNDING;
 use crate::exact::vector::{cross, dot, subtract};
 
-/// Integers to calculate with: 64 bits where the numbers at hand are small enough, 128 otherwise.
+/// Integer types: 64 bits if the operands are small enough, 128 bits otherwise.
 trait Integer:
     Copy + Ord + Default + From<i64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {
@@ -19,35 +19,35 @@ trait Integer:
 impl Integer for i64 {}
 impl Integer for i128 {}
 
-/// Numbers below this can be multiplied as [`misses_edge`] does it without leaving 64 bits: an edge is below
-/// 2^31, its product with a coordinate below 2^61, and two of these are added.
+/// Operands of [`misses_edge`] below this do not overflow 64 bits: an edge is below 2^31, its
+/// product with a coordinate below 2^61, and two of these are added.
 const SMALL_FOR_EDGES: i64 = 1 << 30;
 const _: () = assert!(2 * (2 * SMALL_FOR_EDGES as i128) * (SMALL_FOR_EDGES as i128) <= 1 << 63);
-/// Bound for [`misses_plane`] in 64 bits: a component of the normal is below 2^41, its product with a
+/// The same limit for [`misses_plane`]: a component of the normal is below 2^41, its product with a
 /// coordinate below 2^60, and three of these are added.
 const SMALL_FOR_PLANE: i64 = 1 << 19;
 const _: () = assert!(3 * (8 * (SMALL_FOR_PLANE as i128).pow(2)) * (SMALL_FOR_PLANE as i128) <= 1 << 63);
 
-/// Whether a triangle has a point in common with the inside of the box from `min` to `max`.
+/// Returns whether a triangle shares a point with the interior of the box from `min` to `max`.
 ///
-/// The triangle has its edges and corners, the box has no walls: what only touches a wall, an edge or a
-/// corner of the box does not cut it, and neither does a triangle that lies in a wall. A triangle without
-/// area counts as the segment or the point that it is. Coordinates are at most 2^31 in magnitude, and `min`
-/// is less than `max` on each axis.
+/// The triangle includes its edges and vertices, the box excludes its walls. So a triangle that
+/// only touches a wall, an edge or a corner of the box, or is in a wall, does not cut it. A
+/// triangle without area is treated as the segment or point that it is. Coordinates are at most
+/// 2^31 in magnitude, and `min` is less than `max` on each axis.
 #[inline]
 pub fn cuts(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     intersect(triangle, min, max).cuts
 }
 
-/// Intersects as [`cuts`] does and names the test that decided: the fast path of
-/// [`GridPolygon::cuts`](super::GridPolygon::cuts). Bounds, vertices and plane are tested alike; separating axes
-/// across the edges replace the section.
+/// Tests the same as [`cuts`], and also returns the deciding stage: the fast path of
+/// [`GridPolygon::cuts`](super::GridPolygon::cuts). The tests of bounds, vertices and plane are the
+/// same; separating axes across the edges replace the section.
 #[inline]
 pub fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Intersection {
     let decided = |stage, cuts| Intersection { cuts, stage };
     let Some(size) = size_if_boxes_meet(triangle, min, max) else { return decided(Stage::Boxes, false) };
-    // Relative to the box, coordinates are at most 2^32: sums of a few products of three stay within 128
-    // bits.
+    // Relative to the box, coordinates are at most 2^32: sums of a few products of three fit into
+    // 128 bits.
     let corners = triangle.map(|corner| subtract(corner, min));
     if corners.iter().any(|&corner| is_inside(corner, size)) {
         return decided(Stage::Vertices, true);
@@ -72,14 +72,15 @@ pub fn intersect(triangle: &[[i64; 3]; 3], min: [i64; 3], max: [i64; 3]) -> Inte
     decided(Stage::Section, !misses_edge)
 }
 
-/// Intersects a triangle with the inside of a cube of this half width, its corners given from the cube's centre: the
-/// rest of [`intersect`] where bounds meet and no corner is inside. `normal` is a multiple of the triangle's, with
-/// components below 2^62; coordinates and widths are below 2^29.
+/// Intersects a triangle, relative to a cube's centre, with the interior of the cube of half width
+/// `half`. These are the last tests of [`intersect`], for overlapping bounds and no vertex inside.
+/// `normal` is a multiple of the triangle's normal, with components below 2^62; coordinates and
+/// widths are below 2^29.
 #[inline]
 pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i64) -> Intersection {
     let decided = |stage, cuts| Intersection { cuts, stage };
     let [a, b, c] = *corners;
-    // Most planes are far from touching the cube, and doubles tell them.
+    // Most planes are clearly apart from the cube or clearly cut it, which doubles decide.
     let heights = [0, 1, 2].map(|axis| normal[axis] as f64 * a[axis] as f64);
     let reaches = normal.map(|n| n.abs() as f64 * half as f64);
     let (height, reach) = (heights[0] + heights[1] + heights[2], reaches[0] + reaches[1] + reaches[2]);
@@ -100,7 +101,7 @@ pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i6
             [(1, 2), (2, 0), (0, 1)].into_iter().any(|(j, k)| {
                 let reach = half * (edge[j].abs() + edge[k].abs());
                 let [one, two] = [end, other].map(|p| edge[j] * p[k] - edge[k] * p[j]);
-                // An edge along the axis gives no direction.
+                // An edge along the axis defines no direction.
                 reach > 0 && ((one >= reach && two >= reach) || (one <= -reach && two <= -reach))
             })
         },
@@ -108,8 +109,8 @@ pub(crate) fn intersect_cube(corners: &[[i64; 3]; 3], normal: [i64; 3], half: i6
     decided(Stage::Section, !misses_edge)
 }
 
-/// Whether the segment between two points has a point in common with the inside of the box from `min` to
-/// `max`, as in [`cuts`].
+/// Returns whether the segment between two points shares a point with the interior of the box from
+/// `min` to `max`, as in [`cuts`].
 #[inline]
 pub(crate) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3]) -> bool {
     let Some(size) = size_if_boxes_meet(&[a, b], min, max) else { return false };
@@ -121,7 +122,7 @@ pub(crate) fn segment_cuts(a: [i64; 3], b: [i64; 3], min: [i64; 3], max: [i64; 3
     }
 }
 
-/// The box's size, unless one of its walls separates it from all points: three axes.
+/// Returns the box's size, unless one of its walls separates it from all points: three axes.
 #[inline]
 fn size_if_boxes_meet(points: &[[i64; 3]], min: [i64; 3], max: [i64; 3]) -> Option<[i64; 3]> {
     for axis in 0..3 {
@@ -133,7 +134,8 @@ fn size_if_boxes_meet(points: &[[i64; 3]], min: [i64; 3], max: [i64; 3]) -> Opti
     Some(subtract(max, min))
 }
 
-/// Whether the triangle's plane separates it from the inside of the box from 0 to `size`; one direction.
+/// Returns whether the triangle's plane separates it from the interior of the box from 0 to `size`:
+/// one direction.
 #[inline]
 fn misses_plane<I: Integer>(&[a, b, c]: &[[i64; 3]; 3], size: [i64; 3]) -> bool {
     let (u, v) = (subtract(b, a).map(I::from), subtract(c, a).map(I::from));
@@ -146,12 +148,13 @@ fn misses_plane<I: Integer>(&[a, b, c]: &[[i64; 3]; 3], size: [i64; 3]) -> bool 
         high = high + far.max(zero);
         plane = plane + normal[axis] * I::from(a[axis]);
     }
-    // Without area there is no normal, `low` equals `high`, and nothing follows.
+    // A triangle without area has no normal: `low` equals `high`, and the test decides nothing.
     low < high && (plane <= low || plane >= high)
 }
 
-/// Whether a plane along an edge and one of the axes separates all points from the inside of the box from 0
-/// to `size`; three directions. `points` has one end of the edge, and what else belongs to the body.
+/// Returns whether a plane along an edge and one of the axes separates all points from the interior
+/// of the box from 0 to `size`: three directions. `points` has one end of the edge, and the other
+/// vertices of the body.
 #[inline]
 fn misses_edge<I: Integer, const N: usize>(edge: [i64; 3], points: &[[i64; 3]; N], size: [i64; 3]) -> bool {
     let zero = I::default();
@@ -161,7 +164,8 @@ fn misses_edge<I: Integer, const N: usize>(edge: [i64; 3], points: &[[i64; 3]; N
         let low = far_j.min(zero) + far_k.min(zero);
         let high = far_j.max(zero) + far_k.max(zero);
         let projections = points.map(|p| across_j * I::from(p[j]) + across_k * I::from(p[k]));
-        // An edge along the axis gives no direction, `low` equals `high`, and nothing follows.
+        // An edge along the axis defines no direction: `low` equals `high`, and the test decides
+        // nothing.
         if low < high && (projections.iter().all(|&p| p <= low) || projections.iter().all(|&p| p >= high)) {
             return true;
         }
@@ -169,7 +173,7 @@ fn misses_edge<I: Integer, const N: usize>(edge: [i64; 3], points: &[[i64; 3]; N
     false
 }
 
-/// A bound for the magnitudes of all coordinates: at least as large as the largest, less than twice as large.
+/// Returns an upper bound of all coordinates' magnitudes, less than twice the largest.
 #[inline]
 fn reach(points: &[[i64; 3]], size: [i64; 3]) -> i64 {
     points.iter().flatten().chain(&size).fold(0, |all, number| all | number.abs())
@@ -184,9 +188,9 @@ fn is_inside(point: [i64; 3], size: [i64; 3]) -> bool {
 mod tests {
     use super::*;
 
-    /// Cuts the convex polygon with the box's six half-spaces, in homogeneous coordinates, and looks whether
-    /// what is left lies in a wall: a convex part of a closed box without a point of the open one lies in one
-    /// of its walls.
+    /// Clips the convex polygon to the box's six half-spaces, in homogeneous coordinates, and
+    /// checks whether the remainder is in a wall: a convex subset of a closed box without a point
+    /// of the open box is in one of its walls.
     fn cuts_by_clipping(points: &[[i64; 3]], min: [i64; 3], max: [i64; 3]) -> bool {
         let mut polygon: Vec<[i128; 4]> =
             points.iter().map(|p| [p[0].into(), p[1].into(), p[2].into(), 1]).collect();
@@ -217,7 +221,7 @@ mod tests {
         if b == 0 { a.abs() } else { gcd(b, a % b) }
     }
 
-    /// A fixed sequence of numbers below `below` in magnitude.
+    /// A fixed pseudo-random sequence of numbers below `below` in magnitude.
     fn numbers(mut state: u64) -> impl FnMut(i64) -> i64 {
         move |below| {
             state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
@@ -290,7 +294,7 @@ mod tests {
         assert!(answers.iter().all(|&times| times > 6_000), "{answers:?}");
     }
 
-    /// The three widths of numbers give the same answers, up to the largest coordinates allowed.
+    /// All integer widths give the same results, up to the largest allowed coordinates.
     #[test]
     fn scale_does_not_matter() {
         let mut number = numbers(2);
@@ -319,7 +323,8 @@ mod tests {
     #[test]
     fn one_unit_decides_at_any_size() {
         let far = 1 << 31;
-        // The plane x + y = -2 far + 2 cuts off one unit of the corner, and the next one touches it.
+        // The plane x + y = -2 far + 2 cuts off one unit of the corner, and the next one touches
+        // it.
         let plane = |at: i64| [[-far, at, -far], [at, -far, -far], [-far + at / 2, at - at / 2, far]];
         let box_at = |side: i64| ([-far; 3], [-far + side; 3]);
         for side in [1, 2, 1 << 20, 2 * far] {

@@ -1,4 +1,4 @@
-//! Faces with holes into triangles over the same vertices, so that closed surfaces stay closed.
+//! Triangulation of faces with holes over the same vertices, so that closed surfaces stay closed.
 
 use std::collections::HashMap;
 
@@ -9,50 +9,52 @@ use super::turn::turn;
 use crate::exact::vector::others;
 use spinney_base::sort;
 
-/// Most corners of faces that are cut by clipping ears: their number's square and more is what that may take.
+/// Maximum number of vertices for ear clipping, which takes quadratic time or more.
 const MAX_EARS: usize = 512;
 
-/// Cuts faces into triangles; keeps its buffers from face to face.
+/// Triangulates faces, and keeps its buffers between faces.
 ///
-/// The time is bounded whatever the rings do. Faces of up to 512 corners are cut by clipping ears, in a bounded number of steps per
-/// corner. Larger ones, and those that take more steps, are cut by a sweep, in a number of steps that grows as the
-/// logarithm of the number of corners per corner.
+/// The time is bounded for any input. Faces of up to 512 vertices are triangulated by ear clipping,
+/// in a bounded number of steps per vertex. Larger faces, and those that exceed the limit, are
+/// triangulated by a sweep in `O(n log n)` steps for `n` vertices.
 #[derive(Default)]
 pub struct Triangulator {
     earcut: earcut::Earcut<f64>,
-    /// First corner at the same point, by corner: rings that touch, touch in one vertex.
+    /// First vertex at the same point, by vertex: touching rings then share a vertex.
     welded: Vec<u32>,
     first_at: HashMap<[i64; 3], u32>,
-    /// The corners as seen along the axis from which the face is largest, the outer ring counterclockwise.
+    /// Vertices, projected along the axis in which the face is largest; the outer ring is
+    /// counterclockwise.
     flat: Vec<[i64; 2]>,
     floating: Vec<[f64; 2]>,
     hole_starts: Vec<u32>,
     proposal: Vec<u32>,
-    /// Edges by their ends, the lesser one first, and in the lowest bit whether they go that way.
+    /// Edges by their ends, the smaller one first; the lowest bit is set if the edge has that
+    /// direction.
     edges: Vec<u128>,
     looks: u64,
 }
 
 impl Triangulator {
-    /// A triangulator with empty buffers.
+    /// Creates a triangulator with empty buffers.
     pub fn new() -> Triangulator {
         Triangulator::default()
     }
 
-    /// Appends triangles that cover a face exactly to `out`, and says whether that was possible; if not,
-    /// `out` stays as it was.
+    /// Appends triangles that cover a face exactly to `out`, and returns whether that was possible;
+    /// otherwise, `out` is unchanged.
     ///
-    /// Triangles are indices into `points`, with coordinates of at most 2^31 in magnitude, and turn as the
-    /// outer ring does. Every edge of every ring is an edge of exactly one triangle, in the ring's direction,
-    /// and all other edges are those of two triangles in opposite directions; so neighbouring faces still
-    /// meet exactly, also where corners lie on a straight line or not quite in one plane. Of corners at one
-    /// point, the first stands for all. Where a corner lies on another edge, a triangle without area joins
-    /// the two. A hole that turns as the outer ring does is turned round. Faces that are not planar are
-    /// triangulated as they are seen along the axis from which they are largest. Three corners are a triangle
-    /// whatever they enclose; other faces have to have an area, and rings that do not cross.
+    /// Triangles are indices into `points` and have the outer ring's orientation. Coordinates are
+    /// at most 2^31 in magnitude. Each ring edge is an edge of exactly one triangle, in the ring's
+    /// direction. All other edges belong to two triangles in opposite directions. So neighbouring
+    /// faces still meet exactly, also where vertices are collinear or not quite coplanar. Vertices
+    /// at one point are replaced by the first of them. A vertex on another edge is connected to it
+    /// by a triangle without area. A hole with the outer ring's orientation is reversed. Faces that
+    /// are not planar are triangulated in the projection in which they are largest. Three vertices
+    /// are always a triangle; other faces need an area, and rings that do not cross.
     ///
     /// # Panics
-    /// If `ring_ends` does not rise up to the number of points, or there are more than 2^32.
+    /// If `ring_ends` does not ascend to the number of points, or there are at least 2^32 points.
     pub fn triangulate(&mut self, points: &[[i64; 3]], ring_ends: &[usize], out: &mut Vec<[u32; 3]>) -> bool {
         assert_eq!(
             ring_ends.last().copied().unwrap_or(0),
@@ -75,8 +77,8 @@ impl Triangulator {
         let rings = self.rings(ring_ends);
         let start = out.len();
         if points.len() <= MAX_EARS {
-            // The crate calculates in floating point and leaves out corners on straight lines. It proposes, and
-            // what it proposes is taken if it is exactly right; the slower way of our own keeps all corners.
+            // The crate uses floating point and drops collinear vertices. Its result is used only
+            // if it is exactly right; our own, slower ear clipping keeps all vertices.
             self.propose(ring_ends, out);
             if self.covers(&rings, &out[start..]) {
                 return true;
@@ -95,10 +97,10 @@ impl Triangulator {
             out.extend(triangles);
         }
         self.looks += sweep.looks();
-        // Invariant: no triangles leave this function that `covers` has not found to be right, whoever
-        // proposed them (but for single triangles and convex quadrilaterals). Ways of cutting may therefore
-        // calculate in floating point, give up, or go wrong where rings cross. Without that a face would have
-        // holes where it has none, or lie twice over a place.
+        // Invariant: this function only returns triangles that `covers` has verified (except single
+        // triangles and convex quadrilaterals). So the algorithms above may use floating point,
+        // abort, or fail on crossing rings. Without the check, a face could get gaps or overlapping
+        // triangles.
         let covers = self.covers(&rings, &out[start..]);
         if !covers {
             out.truncate(start);
@@ -106,7 +108,8 @@ impl Triangulator {
         covers
     }
 
-    /// Corners that were looked at until now by exact ways of cutting, each as often as it was: a measure of their work.
+    /// Returns the number of vertex visits and orientation tests of the exact algorithms so far: a
+    /// measure of their work.
     pub fn looks(&self) -> u64 {
         self.looks
     }
@@ -121,15 +124,15 @@ impl Triangulator {
         self.flat.extend(points.iter().map(|point| [point[j], point[k]]));
     }
 
-    /// Four turns to the left, none of them by half a circle, make one round.
+    /// Four left turns, none of them by half a circle, are one full turn.
     fn is_convex_quadrilateral(&self) -> bool {
         let p = &self.flat;
         (0..4).all(|i| turn(p[i], p[(i + 1) % 4], p[(i + 2) % 4]) > 0)
     }
 
-    // Invariant: corners at one point have one number, the first of theirs. Edges are compared by numbers:
-    // those of rings that touch would not cancel otherwise, and a face that is right would seem to be left
-    // open.
+    // Invariant: vertices at one point have one number, that of the first. Edges are compared by
+    // numbers: those of touching rings would not cancel otherwise, and a correct triangulation
+    // would be rejected.
     fn weld(&mut self, points: &[[i64; 3]]) {
         self.first_at.clear();
         self.welded.clear();
@@ -137,8 +140,8 @@ impl Triangulator {
         self.welded.extend(corners.map(|(point, corner)| *self.first_at.entry(*point).or_insert(corner)));
     }
 
-    /// The rings by their welded corners, none twice in a row, the outer one counterclockwise and holes
-    /// clockwise.
+    /// Returns the rings by their welded vertices without repetitions; the outer ring is
+    /// counterclockwise, holes are clockwise.
     fn rings(&self, ring_ends: &[usize]) -> Vec<Vec<u32>> {
         let mut rings = Vec::with_capacity(ring_ends.len());
         let mut start = 0;
@@ -160,7 +163,7 @@ impl Triangulator {
         rings
     }
 
-    /// Twice the area that a ring encloses counterclockwise.
+    /// Returns twice the area that a ring encloses counterclockwise.
     fn area(&self, ring: &[u32]) -> i128 {
         let at = |corner: u32| self.flat[corner as usize];
         ring.windows(2).map(|edge| turn(at(ring[0]), at(edge[0]), at(edge[1]))).sum()
@@ -179,11 +182,12 @@ impl Triangulator {
         }
     }
 
-    /// Whether triangles cover exactly what the rings enclose.
+    /// Returns whether triangles cover exactly the region that the rings enclose.
     ///
-    /// No triangle turns the wrong way, and the triangles' edges without those that go both ways are the
-    /// rings' edges. So the triangles together go round every point as often as the rings do, and as none
-    /// takes away, that is how many of them lie on the point: one inside, and none outside.
+    /// No triangle is clockwise, and the triangles' edges, without those that occur in both
+    /// directions, are the rings' edges. So the triangles' total winding number equals that of the
+    /// rings at every point. Since no triangle contributes negatively, it is the number of
+    /// triangles at the point: one inside, and none outside.
     fn covers(&mut self, rings: &[Vec<u32>], triangles: &[[u32; 3]]) -> bool {
         let at = |corner: u32| self.flat[corner as usize];
         self.edges.clear();
@@ -252,10 +256,10 @@ mod tests {
         let tooth = |i: i64| [[4 * i, 10], [4 * i + 1, 100_000], [4 * i + 2, 100_000], [4 * i + 3, 10]];
         let mut comb: Ring = (0..MANY / 4).flat_map(tooth).collect();
         comb.extend([[MANY, 0], [0, 0]]);
-        // All teeth are crossed by one line when the comb lies.
+        // Rotated, one line crosses all teeth.
         is_cut_quickly(comb.iter().map(|&[x, y]| [y, -x]).collect());
         is_cut_quickly(comb);
-        // Teeth from both sides, one between the others.
+        // Interleaved teeth from both sides.
         let mut zip: Ring = (0..MANY / 2).map(|i| [10 * i, if i % 2 == 0 { 0 } else { 1_000_000 }]).collect();
         zip.extend((0..MANY / 2).rev().map(|i| [10 * i, if i % 2 == 0 { 7 } else { 1_000_007 }]));
         is_cut_quickly(zip);
@@ -268,13 +272,13 @@ mod tests {
         let mut spiral: Ring = (0..MANY / 2).map(|i| arm(i, 0.0)).collect();
         spiral.extend((0..MANY / 2).rev().map(|i| arm(i, 3.0)));
         is_cut_quickly(spiral);
-        // A coast: rays of all lengths.
+        // A coast: rays of varying length.
         let length = |i: i64| 1e6 + (i * 7_368_787 % 1_000_003) as f64 * 1e3;
         let angle = |i: i64| i as f64 / MANY as f64 * std::f64::consts::TAU;
         is_cut_quickly((0..MANY).map(|i| at(angle(i), length(i))).collect());
     }
 
-    /// Rings that cross, in all sizes: steps that are counted are few, and there are no triangles.
+    /// Crossing rings of all sizes: the counted work is small, and there are no triangles.
     #[test]
     fn what_crosses_is_found_out_soon() {
         for corners in [40, 300, 512, 513, 16_000, MANY] {
@@ -300,7 +304,7 @@ mod tests {
             ((self.0 >> 33) % end as u64) as i64
         }
 
-        /// Rectangles that divide one.
+        /// Subdivides a rectangle.
         fn divided(&mut self, [x, y, right, top]: [i64; 4], out: &mut Vec<[i64; 4]>) {
             let (wide, high) = (right - x, top - y);
             if wide.max(high) < 2 || self.below(8) == 0 {
@@ -317,8 +321,8 @@ mod tests {
         }
     }
 
-    /// Rectangles as holes of a square, which touch in corners, along edges and in the midst of edges: the sweep cuts what is
-    /// left, in every slanted position.
+    /// Rectangles as holes of a square that touch in vertices, along edges and within edges: the
+    /// sweep triangulates the remainder in every slanted position.
     #[test]
     fn the_sweep_cuts_rings_that_touch() {
         let mut random = Random(3);

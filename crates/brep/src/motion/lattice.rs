@@ -1,49 +1,53 @@
-//! Motions that take the points of a grid to those of another one: nothing of a model is rounded.
+//! Motions that map the points of a grid to those of another one: nothing of a model is rounded.
 
 use super::map::{Motion, Symmetry};
 use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint};
 use crate::{ExactModel, Faces, Grid, MAX_BITS};
 use spinney_base::{Error, Result};
 
-/// A motion of whole grids: axes become others and may be turned round, steps have another width, and the origin another place.
+/// A motion between grids: axes are permuted and mirrored, the grid unit is scaled, and the origin
+/// moves.
 pub(super) struct Lattice {
-    /// The grid of what was moved.
+    /// The grid of the result.
     pub(super) grid: Grid,
     from: [usize; 3],
     mirrored: [bool; 3],
-    /// Steps of the grid in one of those before.
+    /// New grid units per old one.
     times: i64,
-    /// The place of the last point before, along each axis.
+    /// Coordinate of the old grid's last point, along each axis.
     most: i64,
-    /// The distance from where the motion leads to: less than a step, and the same for all corners.
+    /// The distance between result and motion: less than a grid unit, and the same for all
+    /// vertices.
     pub(super) displacement: f64,
 }
 
-/// Most steps that one is divided into so that a shift becomes a whole number of them.
+/// Maximum number of new grid units per old one, to make a shift an integer number of them.
 const MAX_TIMES: i64 = 1000;
 
-/// The part of a number of steps beyond a whole number; 0 if some roundings make as much.
+/// Returns the fractional part of a number of grid units; 0 if it may be a rounding error.
 fn part(steps: f64) -> f64 {
-    /// Of a shift that people write with a few decimals.
+    /// For a shift that people write with a few decimals.
     const LEAST: f64 = 1e-6;
-    /// That of a few roundings of large numbers, of which some make a quarter of a step.
+    /// For a few roundings of large numbers, limited to a quarter of a grid unit.
     const SHARE: f64 = 5.0 * f64::EPSILON;
     let part = steps - steps.round();
     if part.abs() <= LEAST.max((steps.abs() * SHARE).min(0.25)) { 0.0 } else { part }
 }
 
-/// Most steps from the world's origin that files tell.
+/// Maximum distance from the world's origin in files, in grid units.
 const FARTHEST: u64 = 1 << 53;
 
 impl Lattice {
-    /// The motion of a model's grid; `None` if it does not take it to another one. A shift that is no whole number of steps makes
-    /// them smaller if there is room for it, and otherwise goes to the nearest number.
+    /// Returns the motion of a model's grid, or `None` if it is not mapped to another grid. If a
+    /// shift is not an integer number of grid units, the units are subdivided if the grid's bits
+    /// allow it. Otherwise, the shift is rounded.
     pub(super) fn of(model: &ExactModel, motion: &Motion) -> Result<Option<Lattice>> {
         let Some(Symmetry { scale, from, mirrored }) = motion.symmetry() else { return Ok(None) };
         let old = model.grid();
         let shift = motion.shift();
         let last = (1i64 << old.bits) - 1;
-        // (What stands in for faces beside the grid is half a step beside them, of this grid.)
+        // (Proxies are up to half a unit of this grid from their faces, so the grid must not be
+        // refined.)
         let room = if model.is_beside_grid() { 1 } else { ((1 << MAX_BITS) - 1) / last };
         let steps = |grid: &Grid| shift.map(|at| at * grid.divisor / grid.step);
         let mut found = None;
@@ -58,9 +62,10 @@ impl Lattice {
             }
         }
         let Some((times, mut grid)) = found else { return Ok(None) };
-        // Invariant: where an axis is turned round, the cube of the grid's points goes to itself, the last ones to the first. So corners beside
-        // the grid, which are less than a step before its first points or behind its last ones, stay so near, as readers
-        // demand; and the inverse motion gives the same numbers again.
+        // Invariant: mirroring an axis maps the cube of grid points to itself, the last points to
+        // the first. So off-grid vertices, which are less than a grid unit outside of the first or
+        // last grid points, stay within that distance, as readers require. And the inverse motion
+        // restores the same numbers.
         let most = last * times;
         let mut beside = 0.0;
         for axis in 0..3 {
@@ -79,12 +84,12 @@ impl Lattice {
         Ok(Some(Lattice { grid, from, mirrored, times, most, displacement: beside.sqrt() }))
     }
 
-    /// Whether the faces stay as they are on the grid, which lies where the motion says.
+    /// Returns whether face coordinates are unchanged, and only the grid is moved.
     pub(super) fn is_only_the_grid(&self) -> bool {
         self.from == [0, 1, 2] && self.mirrored == [false; 3] && self.times == 1 && self.displacement == 0.0
     }
 
-    /// Where a point of the grid goes.
+    /// Maps a grid point.
     #[inline]
     pub(super) fn point(&self, point: [i32; 3]) -> [i32; 3] {
         [0, 1, 2].map(|axis| {
@@ -93,7 +98,7 @@ impl Lattice {
         })
     }
 
-    /// A face with corners beside the grid, its corners in the order that they had.
+    /// Maps a face with off-grid vertices; the order of its vertices is unchanged.
     pub(super) fn exact(&self, face: ExactFace) -> ExactFace {
         let shift = self.mirrored.map(|is_mirrored| if is_mirrored { self.most } else { 0 });
         let plane = |plane: ExactPlane| plane.permuted(self.from, self.mirrored).placed(self.times, shift);
@@ -107,7 +112,7 @@ impl Lattice {
     }
 }
 
-/// A grid of as many steps and more, so many times each of the old ones, of which all lengths are multiplied with a factor.
+/// Scales a grid, whose old unit becomes `times` new ones, by a factor for all lengths.
 fn scaled(old: &Grid, scale: f64, times: i64) -> Result<Grid> {
     let (factor, part) = fraction(scale);
     let (step, divisor) = reduced(old.step * factor, old.divisor * part * times as f64);
@@ -120,7 +125,8 @@ fn scaled(old: &Grid, scale: f64, times: i64) -> Result<Grid> {
     Err(Error::invalid("scale", found, "steps whose width is a number"))
 }
 
-/// A number as a quotient: of whole numbers, if it is a decimal fraction or the reciprocal of a whole number.
+/// Returns a number as a quotient: of integers, if it is a decimal fraction or the reciprocal of an
+/// integer.
 fn fraction(number: f64) -> (f64, f64) {
     let whole = |number: f64| number == number.round() && (1.0..=FARTHEST as f64).contains(&number);
     if number.to_bits() << 12 == 0 {
@@ -134,7 +140,8 @@ fn fraction(number: f64) -> (f64, f64) {
     found.next().unwrap_or((number, 1.0))
 }
 
-/// A step and its divisor in lowest terms, of whole numbers where these are small, so that equal quotients are equal pairs.
+/// Reduces a step and its divisor to lowest terms, in integers if these are small enough, so that
+/// equal quotients are equal pairs.
 fn reduced(step: f64, divisor: f64) -> (f64, f64) {
     // An odd number, and the power of two that it is multiplied by.
     let parts = |number: f64| {
@@ -148,7 +155,7 @@ fn reduced(step: f64, divisor: f64) -> (f64, f64) {
     let ((a, i), (b, j)) = (parts(step), parts(divisor));
     let common = common_divisor(a, b);
     let (a, b, power) = ((a / common) as f64, (b / common) as f64, i - j);
-    // (By halves: a power itself may be beyond what doubles have.)
+    // (By halves: the power itself may be out of the doubles' range.)
     let times = |number: f64, power: i32| number * 2f64.powi(power / 2) * 2f64.powi(power - power / 2);
     let whole = times(b, -power);
     match b > 1.0 && power < 0 && whole <= FARTHEST as f64 {
@@ -175,15 +182,15 @@ mod tests {
             let grid = over(width);
             assert_eq!(reduced(grid.step, grid.divisor), (grid.step, grid.divisor), "{width}");
         }
-        // (A divisor that is no small whole number becomes one, with the same quotient.)
-        /// Near the least widths that are normal numbers when they are multiplied with those of grids.
+        // (A divisor that is not a small integer is converted to one, with the same quotient.)
+        /// Near the minimum width whose product with a grid's numbers is a normal number.
         const NARROW: f64 = 1e-280;
         let grid = over(NARROW);
         let (step, divisor) = reduced(grid.step, grid.divisor);
         assert!(divisor < FARTHEST as f64 && step / divisor == grid.step / grid.divisor);
     }
 
-    /// Decimal factors and their inverses give the same step again, whatever was between.
+    /// Decimal factors and their inverses restore the same step, whatever was in between.
     #[test]
     fn factors_that_cancel_leave_the_step() {
         let scaled = |(step, divisor): (f64, f64), factor: f64| {

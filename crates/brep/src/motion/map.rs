@@ -1,34 +1,35 @@
-//! Affine maps of the world, and what of them grids can do exactly.
+//! Affine maps of the world, and their decomposition into the exact part and the rest.
 
 use crate::exact::vector::{cross, dot};
 use spinney_base::{Error, Result};
 
-/// An affine map of the world that can be undone.
+/// An invertible affine map of the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     rows: [[f64; 4]; 3],
 }
 
-/// A change of size that is the same in all directions, with axes that stay axes.
+/// A uniform scaling combined with a signed permutation of the axes.
 pub(super) struct Symmetry {
     /// The factor of all lengths.
     pub(super) scale: f64,
-    /// The axis that each of the new ones was.
+    /// The old axis of each new axis.
     pub(super) from: [usize; 3],
-    /// Whether it is turned round.
+    /// Whether the axis is mirrored.
     pub(super) mirrored: [bool; 3],
 }
 
-/// Share of a number that turns make of nothing: sines and cosines of a chain of turns, each of which is rounded to 2^-53, about a hundred times that.
+/// Relative size of rounding noise: the sines and cosines of a chain of rotations, each rounded to
+/// 2^-53, have about a hundred times that error.
 const NOISE: f64 = 1e-14;
 
 impl Motion {
-    /// The map that leaves all as it is.
+    /// Returns the identity map.
     pub(super) fn identity() -> Motion {
         Motion { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] }
     }
 
-    /// The map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
+    /// Creates the map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
     ///
     /// ```
     /// use spinney::brep::Motion;
@@ -39,9 +40,9 @@ impl Motion {
     /// ```
     ///
     /// # Errors
-    /// If it flattens space, or has numbers that are not finite.
+    /// If the map is singular, or has numbers that are not finite.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> Result<Motion> {
-        // (No zero has a sign.)
+        // (Replaces negative zeros.)
         let motion = Motion { rows: rows.map(|row| row.map(|number| number + 0.0)) };
         let determinant = motion.determinant();
         match rows.as_flattened().iter().all(|number| number.is_finite()) && determinant.is_normal() {
@@ -54,37 +55,37 @@ impl Motion {
         }
     }
 
-    /// The rows of the 3x4 matrix.
+    /// Returns the rows of the 3x4 matrix.
     pub fn to_rows(&self) -> [[f64; 4]; 3] {
         self.rows
     }
 
-    /// The image of a point.
+    /// Maps a point.
     pub fn apply(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d)
     }
 
-    /// The image of a way, which has no place.
+    /// Maps a vector, without the shift.
     pub(super) fn turn(&self, way: [f64; 3]) -> [f64; 3] {
         self.rows.map(|[a, b, c, _]| a * way[0] + b * way[1] + c * way[2] + 0.0)
     }
 
-    /// The image of a way by the map whose rows are the columns of this one.
+    /// Maps a vector by the transposed matrix.
     pub(super) fn turn_transposed(&self, way: [f64; 3]) -> [f64; 3] {
         let [x, y, z] = self.rows;
         [0, 1, 2].map(|axis| x[axis] * way[0] + y[axis] * way[1] + z[axis] * way[2] + 0.0)
     }
 
-    /// The integrals of products of two coordinates about a centre, after the map: but for the factor of volumes.
+    /// Maps the second moments about a centre; the volume factor is not included.
     pub(super) fn tensor(&self, own: &[[f64; 3]; 3]) -> [[f64; 3]; 3] {
         let ways = [0, 1, 2].map(|column| self.turn([own[0][column], own[1][column], own[2][column]]));
         [0, 1, 2].map(|row| self.turn([ways[0][row], ways[1][row], ways[2][row]]))
     }
 
-    /// The map back.
+    /// Returns the inverse map.
     ///
     /// # Errors
-    /// If doubles have none of its numbers.
+    /// If its numbers are outside of the doubles' range.
     pub(super) fn inverse(&self) -> Result<Motion> {
         let most = self.greatest();
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
@@ -97,12 +98,12 @@ impl Motion {
         Motion::from_rows(rows)
     }
 
-    /// The factor of volumes.
+    /// Returns the factor of volumes.
     pub(super) fn volume_factor(&self) -> f64 {
         self.determinant().abs() * self.greatest().powi(3)
     }
 
-    /// The factor of all lengths; `None` if it depends on the direction.
+    /// Returns the factor of all lengths, or `None` if it depends on the direction.
     pub(super) fn factor(&self) -> Option<f64> {
         let most = self.greatest();
         let columns = [0, 1, 2].map(|column| self.rows.map(|row| row[column] / most));
@@ -114,13 +115,13 @@ impl Motion {
         (0..3).all(|a| (0..=a).all(|b| is_near(a, b))).then(|| most * square.sqrt())
     }
 
-    /// Whether it leaves everything where it is.
+    /// Returns whether it is the identity.
     pub(super) fn is_identity(&self) -> bool {
         (0..3).all(|row| (0..4).all(|column| self.rows[row][column] == f64::from(u8::from(row == column))))
     }
 
-    /// A factor with a shift, and an exchange of axes that comes after it and may turn some round, which are the map together; `None` if
-    /// there are no such.
+    /// Splits the map into a scaling with a shift, followed by a signed permutation of the axes.
+    /// Returns `None` if there is no such decomposition.
     pub(super) fn split(&self) -> Option<(Motion, Motion)> {
         let Symmetry { scale, from, mirrored } = self.symmetry()?;
         let (mut sized, mut turned) = ([[0.0; 4]; 3], [[0.0; 4]; 3]);
@@ -133,7 +134,7 @@ impl Motion {
         Some((Motion { rows: sized }, Motion { rows: turned }))
     }
 
-    /// The map without what turns by quarters make of nothing.
+    /// Returns the map without rounding noise of quarter turns.
     pub(super) fn without_noise(&self) -> Motion {
         let Some((sized, turned)) = self.split() else { return self.clone() };
         let rows = [0, 1, 2].map(|row| {
@@ -143,17 +144,17 @@ impl Motion {
         Motion { rows: rows.map(|row| row.map(|number| number + 0.0)) }
     }
 
-    /// The shift, which is added in the end.
+    /// Returns the shift, which is added last.
     pub(super) fn shift(&self) -> [f64; 3] {
         self.rows.map(|row| row[3])
     }
 
-    /// Whether it makes left hands of right ones.
+    /// Returns whether it changes the handedness.
     pub(super) fn is_mirrored(&self) -> bool {
         self.determinant() < 0.0
     }
 
-    /// The most that lengths grow by, or somewhat more.
+    /// Returns an upper bound of the growth of lengths.
     pub(super) fn growth(&self) -> f64 {
         let sizes = self.rows.map(|[a, b, c, _]| [a.abs(), b.abs(), c.abs()]);
         let of_rows = sizes.map(|row| row.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
@@ -161,20 +162,20 @@ impl Motion {
         of_rows.sqrt() * of_columns.into_iter().fold(0.0, f64::max).sqrt()
     }
 
-    /// The factor of volumes, by the cube of the greatest number.
+    /// Returns the volume factor, divided by the cube of the largest coefficient.
     fn determinant(&self) -> f64 {
         let most = self.greatest();
         let [a, b, c] = self.rows.map(|[x, y, z, _]| [x / most, y / most, z / most]);
         dot(a, cross(b, c))
     }
 
-    /// The size of the greatest number but for the shift.
+    /// Returns the magnitude of the largest coefficient, without the shift.
     fn greatest(&self) -> f64 {
         let sizes = self.rows.iter().flat_map(|row| row[..3].iter().map(|number| number.abs()));
         sizes.fold(0.0, f64::max)
     }
 
-    /// The symmetry that the map is but for a shift; `None` if it is none.
+    /// Returns the map, without its shift, as a symmetry; `None` if it is not one.
     pub(super) fn symmetry(&self) -> Option<Symmetry> {
         let mut found = Symmetry { scale: 0.0, from: [0; 3], mirrored: [false; 3] };
         for (to, row) in self.rows.iter().enumerate() {
@@ -231,7 +232,7 @@ mod tests {
         assert!(sheared.factor().is_none() && sheared.split().is_none());
         let [there, back] = [sheared.apply(point), sheared.inverse().unwrap().apply(sheared.apply(point))];
         assert!((0..3).all(|axis| (back[axis] - point[axis]).abs() < 1e-14), "{there:?} {back:?}");
-        // A tensor of two ways, by each of which it is carried.
+        // A tensor of a vector's products is mapped like the vector.
         let (a, b) = ([1.0, 2.0, 3.0], sheared.turn([1.0, 2.0, 3.0]));
         let product = |way: [f64; 3]| way.map(|row| way.map(|column| row * column));
         assert_eq!(sheared.tensor(&product(a)), product(b));

@@ -1,9 +1,10 @@
-//! Motions of exact models: shifts, turns, mirrors, other sizes, and any affine map.
+//! Motions of exact models: translation, rotation, mirroring, scaling, and any other affine map.
 //!
-//! Where a motion takes the points of the grid to those of another grid, nothing is rounded: axes are exchanged or turned round,
-//! and all else is said by the grid's origin and step. Corners beside the grid, and the planes that they are made of, are
-//! moved by the same whole numbers. All other motions compute corners anew. Octrees are built anew in any case: which side of a
-//! face a cell's corner is on that lies in it does not stay the same when axes are exchanged.
+//! If a motion maps grid points to those of another grid, nothing is rounded: axes are permuted or
+//! mirrored, and the rest is stored in the grid's origin and step. Off-grid vertices, and the
+//! planes that define them, are moved by the same integers. For all other motions, vertices are
+//! recomputed. Octrees are rebuilt in any case: tie-breaks of cell corners on faces change if axes
+//! are permuted.
 
 mod lattice;
 mod map;
@@ -33,60 +34,63 @@ pub use self::view::{ModelView, ViewRays};
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct TransformOptions {
-    /// Width of the steps of a new grid, to which all corners are moved; otherwise the model's own, with which nothing is rounded
-    /// that need not be.
+    /// Width of the unit of a new grid, to which all vertices are snapped. By default, the model's
+    /// own grid, with as little rounding as possible.
     pub snap: Option<f64>,
-    /// The coordinate system of the result; otherwise the model's.
+    /// The coordinate reference system of the result; by default, the model's.
     pub crs: Option<Crs>,
-    /// Unit of length of the result's coordinates; otherwise the model's.
+    /// Unit of length of the result's coordinates; by default, the model's.
     pub unit: Option<String>,
-    /// A line for the result's provenance; otherwise the map's numbers.
+    /// A line for the result's provenance; by default, the map's coefficients.
     pub note: Option<String>,
-    /// Packing of the file.
+    /// Codec of the file.
     pub codec: Codec,
-    /// Bytes of memory for everything.
+    /// Maximum bytes of memory in total.
     pub memory: u64,
 }
 
 impl TransformOptions {
-    /// On the model's grid where that is possible, with so much memory.
+    /// Creates options that use the model's grid if possible, with a memory limit in bytes.
     pub fn new(memory: u64) -> TransformOptions {
         let (snap, crs, unit, note) = (None, None, None, None);
         TransformOptions { snap, crs, unit, note, codec: Codec::default(), memory }
     }
 }
 
-/// Counts of a model that was moved.
+/// Statistics of a model that was moved.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct TransformReport {
-    /// Faces before.
+    /// Faces of the model.
     pub before: u64,
     /// Faces of the result.
     pub after: u64,
-    /// Whether the body has the very shape that it had: no corner was moved against others.
+    /// Whether the body's shape is unchanged: no vertex was moved relative to others.
     pub is_exact: bool,
-    /// The furthest that a corner lies from where the motion takes it, in the model's unit.
+    /// Maximum distance of a vertex from its exact image, in the model's unit.
     pub displacement: f64,
-    /// Faces that were cut into triangles, as their corners do not lie in one plane on the grid, or their rings cross.
+    /// Faces that were triangulated, as their vertices are not in one plane on the grid, or their
+    /// rings cross.
     pub cut: u64,
-    /// Faces that were left out: on the grid they are points or lines.
+    /// Faces that were dropped: on the grid, they are points or lines.
     pub collapsed: u64,
-    /// Faces with corners beside the grid that are gone: in their place are those on the grid that stood in for them.
+    /// Faces with off-grid vertices that were dropped; their proxies on the grid replace them.
     pub rounded: u64,
     /// The grid.
     pub grid: Grid,
-    /// Counts of the octree.
+    /// Statistics of the octree.
     pub built: BuildReport,
 }
 
-/// Moves a model, and writes it into a file.
+/// Moves a model, and writes it to a file.
 ///
-/// Whole steps, quarter turns, mirrors, exchanged axes and one factor for all lengths are exact, also for corners beside the grid; a shift
-/// that is no whole number of steps, and for which there are no finer ones, goes to the nearest number. All other maps compute
-/// corners anew and move them to the nearest points of a grid; faces that are not planar then are cut into triangles. Names and attributes of parts, values of
-/// faces, colours and metadata are kept. Time goes with the number of faces, as in building; memory is
-/// bounded, but that faces with corners beside the grid are held. Progress counts faces, each in several passes.
+/// Shifts by an integer number of grid units, quarter turns, mirrors, permuted axes and a uniform
+/// scaling are exact, also for off-grid vertices. Any other shift is rounded to grid units, unless
+/// a finer grid represents it. For all other maps, vertices are recomputed and snapped to the
+/// nearest grid points, and faces that are not planar then are triangulated. Names and attributes
+/// of parts, face values, colours and metadata are kept. Time is proportional to the face count, as
+/// for a build. Memory is limited, but faces with off-grid vertices are held. Progress counts
+/// faces, each in several passes.
 ///
 /// ```
 /// use spinney::{ExactModel, Output};
@@ -106,8 +110,9 @@ pub struct TransformReport {
 /// ```
 ///
 /// # Errors
-/// If the model is no body, if the result is none ([`Error::NotASolid`], with the places: it passes through itself on the grid) or does not fit on a grid, if the memory
-/// is not enough, if files cannot be read or written, or on interruption. There is no file then.
+/// If the model is not a solid, if the result is none ([`Error::NotASolid`], with the positions: it
+/// intersects itself on the grid) or does not fit on a grid, if the memory is not enough, if files
+/// cannot be read or written, or on cancellation. No file is written then.
 pub fn transform(
     model: &ExactModel,
     motion: &Motion,
@@ -124,7 +129,7 @@ pub fn transform(
     }
 }
 
-/// Attributes of a part after a motion: its addresses and its extent are moved.
+/// Moves the locations in a part's attributes: its addresses and its extent.
 fn moved_about(mut about: String, motion: &Motion) -> String {
     let json = |numbers: &[f64]| {
         let is_finite = numbers.iter().all(|number| number.is_finite());
@@ -154,18 +159,18 @@ fn moved_about(mut about: String, motion: &Motion) -> String {
     about
 }
 
-/// A motion that is being done.
+/// A motion in progress.
 struct Work<'a> {
     model: &'a ExactModel,
     motion: &'a Motion,
     options: &'a TransformOptions,
     progress: &'a dyn Progress,
-    /// Whether the result has the model's formula, and says nothing of the motion.
+    /// Whether the result keeps the model's formula, without the motion.
     keeps_formula: bool,
 }
 
 impl Work<'_> {
-    /// Moves all to another grid, point by point.
+    /// Moves everything to another grid, point by point.
     fn exactly(&self, lattice: &Lattice, output: Output) -> Result<TransformReport> {
         let is_mirrored = self.motion.is_mirrored();
         let mut target = Target::new(self, output, &lattice.grid)?;
@@ -192,7 +197,7 @@ impl Work<'_> {
         target.finish(Rounding { displacement: lattice.displacement, ..Rounding::default() })
     }
 
-    /// Computes all corners anew.
+    /// Recomputes all vertices.
     fn anew(&self, output: Output, unit: NewUnit<'_>) -> Result<TransformReport> {
         let mut snapping = Snapping::of(self.model, self.motion, unit, self.progress)?;
         let mut target = Target::new(self, output, &snapping.grid.clone())?;
@@ -224,7 +229,7 @@ impl Work<'_> {
         target.finish(Rounding { displacement: snapping.displacement(), counts, rounded })
     }
 
-    /// Unit, place and provenance of the result.
+    /// Returns the metadata of the result: unit, frame and provenance.
     fn metadata(&self, grid: &Grid, rounding: &Rounding) -> Metadata {
         let TransformOptions { crs, unit, note, .. } = self.options;
         let mut metadata = self.model.metadata().clone();
@@ -249,22 +254,22 @@ impl Work<'_> {
     }
 }
 
-/// Roundings of a motion.
+/// Rounding statistics of a motion.
 #[derive(Default)]
 struct Rounding {
     displacement: f64,
-    /// Counts of faces whose corners were computed.
+    /// Statistics of faces whose vertices were recomputed.
     counts: Option<PlanarCounts>,
-    /// Faces with corners beside the grid that are gone.
+    /// Faces with off-grid vertices that were dropped.
     rounded: u64,
 }
 
-/// The file of what was moved.
+/// The output file.
 struct Target<'a> {
     work: &'a Work<'a>,
     grid: Grid,
     builder: ModelBuilder,
-    /// Names of the columns of values of faces.
+    /// Names of the columns of face values.
     columns: Vec<String>,
     after: u64,
     /// The first third of the work.
@@ -284,9 +289,9 @@ impl<'a> Target<'a> {
         Ok(Target { work, grid: grid.clone(), builder, columns, after: 0, moving })
     }
 
-    /// Adds a face that came of the model's of a number, with the values of that.
+    /// Adds a face that replaces the model's face `number`, with that face's values.
     fn push(&mut self, face: &Face<'_>, is_proxy: bool, number: u64) -> Result<()> {
-        /// Faces between two looks at whether to go on.
+        /// Number of faces between cancellation checks.
         const OFTEN: u64 = 1 << 12;
         if number.is_multiple_of(OFTEN) {
             self.moving.check()?;
@@ -295,7 +300,7 @@ impl<'a> Target<'a> {
         self.after += 1;
         self.builder.push_face(face, is_proxy)?;
         for (column, name) in (0..).zip(&self.columns) {
-            // (Models have fewer than 2^32 faces.)
+            // (Models have less than 2^32 faces.)
             if let Some(value) = self.work.model.face_value(column, number as u32)? {
                 self.builder.face_value(name, &value)?;
             }
@@ -351,7 +356,7 @@ impl<'a> Target<'a> {
     }
 }
 
-/// Numbers, as few digits as tell them.
+/// Formats numbers with the minimum number of digits that identify them.
 fn numbers(numbers: &[f64], between: &str) -> String {
     numbers.iter().map(f64::to_string).collect::<Vec<_>>().join(between)
 }

@@ -1,4 +1,5 @@
-//! Models whose corners are moved to multiples of another grid unit, so that they are operands of operations on that grid.
+//! Models whose vertices are snapped to multiples of another grid unit, as operands of operations
+//! on that grid.
 
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
@@ -11,13 +12,13 @@ use crate::{ColumnValues, ExactModel, FaceList, Faces, Grid, ModelBuilder};
 use spinney_base::io::Output;
 use spinney_base::{Error, Progress, Result, SubProgress};
 
-/// Writes a model again with all corners at multiples of a grid's unit; returns the furthest that one was moved. The result
-/// is closed; where the moved surface intersects itself, it is resolved, and what it goes around stays inside. `output` may be
-/// called twice.
+/// Writes a copy of a model with all vertices at multiples of a grid's unit; returns the maximum
+/// distance that one was moved. The result is closed. Self-intersections of the moved surface are
+/// resolved, and regions with a positive winding number are inside. `output` may be called twice.
 ///
 /// # Errors
-/// If the model is no body, or has no volume on that grid; if the memory is not enough, if files cannot be read or written, or on
-/// cancellation.
+/// If the model is not a solid, or has no volume on that grid; if the memory is not enough, if
+/// files cannot be read or written, or on cancellation.
 pub(crate) fn regrid(
     model: &ExactModel,
     unit: &Grid,
@@ -39,7 +40,8 @@ pub(crate) fn regrid(
 }
 
 impl Work<'_> {
-    /// Computes all corners again and resolves intersections of the surface with itself; returns the furthest that a corner was moved.
+    /// Recomputes all vertices and resolves self-intersections of the surface; returns the maximum
+    /// distance that a vertex was moved.
     fn repaired(&self, output: Output, unit: NewUnit<'_>) -> Result<f64> {
         let Work { model, motion, options, progress, .. } = *self;
         let mut snapping = Snapping::of(model, motion, unit, progress)?;
@@ -98,7 +100,7 @@ impl Work<'_> {
 struct SourceValues<'a> {
     model: &'a ExactModel,
     columns: Vec<String>,
-    /// `None` where faces of one source have different values.
+    /// `None` if faces of one source have different values.
     values: BTreeMap<u64, Option<ColumnValues>>,
     bytes: u64,
 }
@@ -113,7 +115,7 @@ impl SourceValues<'_> {
         const CONTAINER: usize = 64;
         let mut own = ColumnValues::new();
         for (column, name) in (0..).zip(&self.columns) {
-            // (Models have fewer than 2^32 faces.)
+            // (Models have less than 2^32 faces.)
             if let Some(json) = self.model.face_value(column, number as u32)? {
                 own.push((name.clone(), json));
             }

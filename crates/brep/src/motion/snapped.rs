@@ -1,5 +1,5 @@
-//! Motions that take the points of a grid to none of another one: corners are computed in the world and moved to the nearest
-//! points of a new grid.
+//! Motions that do not map grid points to those of another grid: vertices are computed in world
+//! coordinates and snapped to a new grid.
 
 use super::map::Motion;
 use crate::arrangement::Turner;
@@ -10,7 +10,7 @@ use spinney_base::{Error, Progress, Result};
 /// The unit of a new grid.
 #[derive(Clone, Copy)]
 pub(super) enum NewUnit<'a> {
-    /// That of the model's grid, if no coarser one is needed.
+    /// That of the model's grid, unless a coarser one is needed.
     Finest,
     /// A width.
     Width(f64),
@@ -18,19 +18,19 @@ pub(super) enum NewUnit<'a> {
     Of(&'a Grid),
 }
 
-/// Moves faces one by one; keeps its buffers from face to face.
+/// Moves faces one by one, and keeps its buffers between faces.
 pub(super) struct Snapping<'a> {
     motion: &'a Motion,
     old: Grid,
     pub(super) grid: Grid,
     pub(super) planar: PlanarFaces,
-    /// The square of the furthest that a corner lies from where the motion takes it.
+    /// Maximum squared distance of a vertex from its exact image.
     squared_displacement: f64,
     turner: Turner,
 }
 
 impl<'a> Snapping<'a> {
-    /// Reads all faces, and lays a grid over where they will be: with a unit as it is wanted.
+    /// Reads all faces, and creates a grid of the given unit over the moved vertices.
     pub(super) fn of(
         model: &ExactModel,
         motion: &'a Motion,
@@ -70,12 +70,12 @@ impl<'a> Snapping<'a> {
         Ok(Snapping { motion, old, grid, planar, squared_displacement: 0.0, turner: Turner::default() })
     }
 
-    /// The furthest that a corner lies from where the motion takes it.
+    /// Returns the maximum distance of a vertex from its exact image.
     pub(super) fn displacement(&self) -> f64 {
         self.squared_displacement.sqrt()
     }
 
-    /// Hands out what becomes of a face: itself, some triangles, or nothing.
+    /// Visits the faces that replace a face: itself, some triangles, or none.
     pub(super) fn face(
         &mut self,
         face: &Face<'_>,

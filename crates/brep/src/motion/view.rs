@@ -1,9 +1,10 @@
-//! Models that are seen through affine maps, without files of their own.
+//! Views of models through affine maps, without files of their own.
 //!
-//! Points, rays, planes and boxes are carried to where the model lies by the inverse of the map, and what is found is carried back. Of a map that
-//! turns axes round or exchanges them, shifts by whole steps and changes all lengths by one factor, the grid takes shift and factor, and only signs and
-//! the order of coordinates are left to be carried: nothing is rounded. What a map does not leave as it is, such as distances where it
-//! has different factors along directions, is refused.
+//! Points, rays, planes and boxes are mapped to the model by the inverse map, and results are
+//! mapped back. If a map is a signed permutation of the axes with integer shifts in grid units and
+//! a uniform scaling, shift and scaling are stored in the grid. Only signs and the order of
+//! coordinates remain to be mapped, so nothing is rounded. Measures that a map does not preserve,
+//! such as distances under scaling that depends on the direction, are rejected.
 
 use std::collections::BTreeMap;
 
@@ -19,7 +20,8 @@ use crate::query::{
 use crate::{ContactVisitor, ExactModel, Faces, ObjectContact};
 use spinney_base::{Error, Progress, Result};
 
-/// An exact model that is seen through an affine map: questions tell of what it would be if it were moved, and no file is made.
+/// An exact model seen through an affine map: queries return the results of the moved model,
+/// without a file of it.
 ///
 /// ```
 /// use spinney::ExactModel;
@@ -40,18 +42,18 @@ use spinney_base::{Error, Progress, Result};
 /// # Ok::<(), spinney::Error>(())
 /// ```
 pub struct ModelView {
-    /// On the grid that takes what grids can take of the map.
+    /// The model, on a grid that includes the exact part of the map.
     model: ExactModel,
     rest: Option<Rest>,
 }
 
-/// A map that is left to be done with coordinates.
+/// The remaining map of coordinates.
 struct Rest {
-    /// The map as it was given.
+    /// The map as given.
     whole: Motion,
     there: Motion,
     back: Motion,
-    /// Whether it exchanges axes and turns them round alone.
+    /// Whether it only permutes and mirrors axes.
     is_exact: bool,
     /// The factor of all lengths; `None` if it depends on the direction.
     factor: Option<f64>,
@@ -60,9 +62,9 @@ struct Rest {
     is_mirrored: bool,
 }
 
-/// Measures of carried faces that do not follow from those of the faces where they lie in the model.
+/// Measures of mapped faces that do not follow from those of the original faces.
 struct Outline {
-    /// Twice the area, in squares of the model's steps.
+    /// Twice the area, in squared units of the model's grid.
     area: f64,
     bounds: [[f64; 3]; 2],
 }
@@ -74,10 +76,10 @@ impl From<ExactModel> for ModelView {
 }
 
 impl ModelView {
-    /// A model as it is seen after a motion.
+    /// Creates the view of a model after a motion.
     ///
     /// # Errors
-    /// If the model lies too far out then, or the motion cannot be undone in doubles.
+    /// If the model is too far from the origin then, or the motion is not invertible in doubles.
     pub fn of(model: ExactModel, motion: &Motion) -> Result<ModelView> {
         if let Some((of_grid, turn)) = motion.split()
             && let Some(lattice) = Lattice::of(&model, &of_grid)?.filter(Lattice::is_only_the_grid)
@@ -88,13 +90,14 @@ impl ModelView {
         Ok(ModelView { model, rest: Some(Rest::of(motion, motion.without_noise(), false)?) })
     }
 
-    /// The model for all that does not depend on where it lies: its file, parts and what is said of them, how its faces hang together.
+    /// Returns the model, for everything that does not depend on its position: file, parts,
+    /// attributes, and topology.
     pub fn file(&self) -> &ExactModel {
         &self.model
     }
 
-    /// The model where a question to it has the same answer in the view: if this only shifts by whole steps, and by one factor. `question` is for the
-    /// error.
+    /// Returns the model, if its results are the same as the view's: the view only shifts by
+    /// integer numbers of grid units, and scales uniformly. `question` is for the error.
     ///
     /// # Errors
     /// If the view does more than that.
@@ -109,14 +112,15 @@ impl ModelView {
         }
     }
 
-    /// Whether nothing is rounded on the way to the model and back.
+    /// Returns whether mapping to the model and back rounds nothing.
     pub fn is_exact(&self) -> bool {
         self.rest.as_ref().is_none_or(|rest| rest.is_exact)
     }
 
-    /// The most that places are off, or somewhat more, by what is rounded on the way to the model and back, in units of the view; 0 if nothing is.
+    /// Returns an upper bound of the rounding error of positions that are mapped to the model and
+    /// back, in units of the view; 0 if nothing is rounded.
     pub fn rounding(&self) -> f64 {
-        /// Roundings of a way there and back, about.
+        /// Approximate number of roundings of a mapping to the model and back.
         const ROUNDINGS: f64 = 16.0;
         let Some(rest) = self.rest.as_ref().filter(|rest| !rest.is_exact) else { return 0.0 };
         let (grid, last) = (self.model.grid(), ((1i64 << self.model.grid().bits) - 1) as i32);
@@ -138,24 +142,24 @@ impl ModelView {
         )
     }
 
-    /// The factor of lengths, if all have the same one.
+    /// Returns the factor of lengths, if it is uniform.
     fn factor(&self, rest: &Rest, question: &str) -> Result<f64> {
         let why = "which has different factors along directions";
         rest.factor.ok_or_else(|| self.refused(rest, question, why))
     }
 
-    /// [`ExactModel::locate`].
+    /// See [`ExactModel::locate`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn locate(&self, point: [f64; 3]) -> Result<Location> {
         self.model.locate(self.carried(point))
     }
 
-    /// [`ExactModel::locate_all`].
+    /// See [`ExactModel::locate_all`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn locate_all(&self, points: &[[f64; 3]], locations: &mut Vec<Location>) -> Result<()> {
         match &self.rest {
             None => self.model.locate_all(points, locations),
@@ -166,15 +170,15 @@ impl ModelView {
         }
     }
 
-    /// Where a point of the view lies in the model.
+    /// Maps a point of the view to the model.
     fn carried(&self, point: [f64; 3]) -> [f64; 3] {
         self.rest.as_ref().map_or(point, |rest| rest.back.apply(point))
     }
 
-    /// [`ExactModel::nearest`].
+    /// See [`ExactModel::nearest`].
     ///
     /// # Errors
-    /// If the view has different factors along directions, or the file is damaged or cannot be read.
+    /// If the view scales differently along directions, or the file is corrupt or cannot be read.
     pub fn nearest(&self, to: [f64; 3]) -> Result<Option<SurfacePoint>> {
         let Some(rest) = &self.rest else { return self.model.nearest(to) };
         let factor = self.factor(rest, "distances")?;
@@ -186,20 +190,20 @@ impl ModelView {
         }))
     }
 
-    /// [`ExactModel::signed_distance`].
+    /// See [`ExactModel::signed_distance`].
     ///
     /// # Errors
-    /// Those of [`ModelView::nearest`].
+    /// As [`ModelView::nearest`].
     pub fn signed_distance(&self, from: [f64; 3]) -> Result<f64> {
         let Some(rest) = &self.rest else { return self.model.signed_distance(from) };
         let factor = self.factor(rest, "distances")?;
         Ok(factor * self.model.signed_distance(rest.back.apply(from))?)
     }
 
-    /// [`ExactModel::ray_crossings`].
+    /// See [`ExactModel::ray_crossings`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn ray_crossings(&self, from: [f64; 3], direction: [f64; 3]) -> Result<Vec<Hit>> {
         let Some(rest) = &self.rest else { return self.model.ray_crossings(from, direction) };
         let [from, direction] = rest.ray([from, direction]);
@@ -207,18 +211,18 @@ impl ModelView {
         Ok(found.into_iter().map(|hit| rest.hit(hit)).collect())
     }
 
-    /// Casts many rays: see [`ExactModel::rays`].
+    /// Returns a caster of many rays: see [`ExactModel::rays`].
     pub fn rays(&self) -> ViewRays<'_> {
         ViewRays { rest: self.rest.as_ref(), rays: self.model.rays() }
     }
 
-    /// [`ExactModel::locate_box`].
+    /// See [`ExactModel::locate_box`].
     ///
     /// # Errors
-    /// If the sides of the box do not lie along the model's axes, or those of [`ExactModel::locate_box`].
+    /// If the sides of the box are not along the model's axes, or as [`ExactModel::locate_box`].
     pub fn locate_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<BoxLocation> {
         let is_box = (0..3).all(|axis| min[axis] <= max[axis]);
-        // (What is no box is refused by the model.)
+        // (Invalid boxes are rejected by the model.)
         let Some(rest) = self.rest.as_ref().filter(|_| is_box) else {
             return Ok(self.model.locate_box(min, max)?.0);
         };
@@ -233,10 +237,11 @@ impl ModelView {
         Ok(self.model.locate_box(min, max)?.0)
     }
 
-    /// [`ExactModel::bounds`]. (Where the view turns by no quarters, all faces are read.)
+    /// See [`ExactModel::bounds`]. (If the view rotates by other than quarter turns, all faces are
+    /// read.)
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn bounds(&self) -> Result<[[f64; 3]; 2]> {
         match &self.rest {
             Some(rest) if !rest.keeps_axes() => {
@@ -248,10 +253,10 @@ impl ModelView {
         }
     }
 
-    /// [`MassProperties::of`].
+    /// See [`MassProperties::of`].
     ///
     /// # Errors
-    /// If the faces cannot be read, or on interruption.
+    /// If the faces cannot be read, or on cancellation.
     pub fn mass(&self, progress: &dyn Progress) -> Result<MassProperties> {
         let measures = MassProperties::of(&self.model, progress)?;
         let Some(rest) = &self.rest else { return Ok(measures) };
@@ -262,10 +267,10 @@ impl ModelView {
         Ok(rest.measures(measures, outline, self.model.grid().width()))
     }
 
-    /// [`ExactModel::part_measures`].
+    /// See [`ExactModel::part_measures`].
     ///
     /// # Errors
-    /// Those of [`ExactModel::part_measures`].
+    /// As [`ExactModel::part_measures`].
     pub fn part_measures(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<PartMeasures>> {
         let all = self.model.part_measures(memory, progress)?;
         let Some(rest) = &self.rest else { return Ok(all) };
@@ -281,7 +286,7 @@ impl ModelView {
         Ok(carried.collect())
     }
 
-    /// Areas of the faces where they are carried to, and the boxes around them: of each part, or of all of them.
+    /// Returns the areas and bounding boxes of the mapped faces: of each part, or of all.
     fn outlines(
         &self,
         rest: &Rest,
@@ -315,10 +320,10 @@ impl ModelView {
         Ok(found)
     }
 
-    /// [`ExactModel::section`].
+    /// See [`ExactModel::section`].
     ///
     /// # Errors
-    /// Those of [`ExactModel::section`].
+    /// As [`ExactModel::section`].
     pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
         let Some(rest) = &self.rest else { return self.model.section(plane, progress) };
         let own = CuttingPlane {
@@ -329,10 +334,10 @@ impl ModelView {
         Ok(rest.polygons(&found, own.normal))
     }
 
-    /// [`ExactModel::plane_sections`].
+    /// See [`ExactModel::plane_sections`].
     ///
     /// # Errors
-    /// Those of [`ExactModel::plane_sections`].
+    /// As [`ExactModel::plane_sections`].
     pub fn plane_sections(
         &self,
         normal: [f64; 3],
@@ -351,10 +356,10 @@ impl ModelView {
         })
     }
 
-    /// [`ExactModel::object_contacts`].
+    /// See [`ExactModel::object_contacts`].
     ///
     /// # Errors
-    /// If the view has different factors along directions, or those of [`ExactModel::object_contacts`].
+    /// If the view scales differently along directions, or as [`ExactModel::object_contacts`].
     pub fn object_contacts(
         &self,
         memory: u64,
@@ -373,33 +378,33 @@ impl ModelView {
         })
     }
 
-    /// The factor of volumes of what is seen.
+    /// Returns the factor between volumes in the view and in the model.
     pub fn volume_factor(&self) -> f64 {
         self.rest.as_ref().map_or(1.0, |rest| rest.volume)
     }
 }
 
-/// Casts rays through a view, one thread at a time: see [`ModelRays`].
+/// Casts rays through a view, from one thread at a time: see [`ModelRays`].
 pub struct ViewRays<'a> {
     rest: Option<&'a Rest>,
     rays: ModelRays<'a>,
 }
 
 impl ViewRays<'_> {
-    /// [`ModelRays::first`].
+    /// See [`ModelRays::first`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn first(&mut self, from: [f64; 3], direction: [f64; 3]) -> Result<Option<Hit>> {
         let Some(rest) = self.rest else { return self.rays.first(from, direction) };
         let [from, direction] = rest.ray([from, direction]);
         Ok(self.rays.first(from, direction)?.map(|hit| rest.hit(hit)))
     }
 
-    /// [`ModelRays::first_of`].
+    /// See [`ModelRays::first_of`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn first_of(&mut self, rays: &[[[f64; 3]; 2]]) -> Result<Vec<Option<Hit>>> {
         let Some(rest) = self.rest else { return self.rays.first_of(rays) };
         let rays: Vec<[[f64; 3]; 2]> = rays.iter().map(|ray| rest.ray(*ray)).collect();
@@ -421,18 +426,18 @@ impl Rest {
         })
     }
 
-    /// Whether boxes along the axes stay such.
+    /// Returns whether axis-aligned boxes stay axis-aligned.
     fn keeps_axes(&self) -> bool {
         let is_axis = |row: &[f64; 4]| row[..3].iter().filter(|number| **number != 0.0).count() == 1;
         self.there.to_rows().iter().all(is_axis)
     }
 
-    /// Whether faces have to be looked at for areas, or for the box around them.
+    /// Returns whether areas or bounding boxes require reading the faces.
     fn needs_outlines(&self) -> bool {
         self.factor.is_none() || !self.keeps_axes()
     }
 
-    /// A ray of the view in the model.
+    /// Maps a ray of the view to the model.
     fn ray(&self, [from, direction]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
         [self.back.apply(from), self.back.turn(direction)]
     }
@@ -441,18 +446,19 @@ impl Rest {
         Hit { point: self.there.apply(hit.point), ..hit }
     }
 
-    /// The normal in the model of planes that have one in the view: the products with points are the same, but for the shift.
+    /// Maps the normal of planes in the view to the model; products with points are the same,
+    /// except for the shift.
     fn normal(&self, normal: [f64; 3]) -> [f64; 3] {
         self.there.turn_transposed(normal)
     }
 
-    /// The length of an area's vector where it is carried to.
+    /// Returns the length of a mapped area vector.
     fn area_of(&self, normal: [f64; 3]) -> f64 {
         let there = self.back.turn_transposed(normal);
         self.volume * dot(there, there).sqrt()
     }
 
-    /// Polygons of the model in planes with a normal, as they are in the view.
+    /// Maps polygons in planes with a normal to the view.
     fn polygons(&self, found: &[SectionPolygon], normal: [f64; 3]) -> Vec<SectionPolygon> {
         let share = match self.is_exact {
             true => 1.0,
@@ -472,7 +478,7 @@ impl Rest {
         carried.collect()
     }
 
-    /// Measures of what is carried. Steps of the model's grid have a width.
+    /// Maps measures; `width` is that of the model's grid unit.
     fn measures(&self, own: MassProperties, outline: Option<Outline>, width: f64) -> MassProperties {
         let moments = |own: &[[f64; 3]; 3]| self.there.tensor(own).map(|row| row.map(|at| at * self.volume));
         let second_moments = moments(&own.second_moments);
@@ -481,7 +487,7 @@ impl Rest {
             if i == j { trace - second_moments[i][j] } else { -second_moments[i][j] }
         };
         let inertia = match self.factor {
-            // (Of maps that leave angles as they are, inertia is carried as moments are.)
+            // (For maps that preserve angles, inertia is mapped like the moments.)
             Some(_) => moments(&own.inertia),
             None => [0, 1, 2].map(|i| [0, 1, 2].map(|j| of_second(i, j))),
         };
@@ -506,7 +512,7 @@ impl Rest {
     }
 }
 
-/// The box around two of its corners.
+/// Returns the box of two opposite corners.
 fn around([a, b]: [[f64; 3]; 2]) -> [[f64; 3]; 2] {
     [[0, 1, 2].map(|axis| a[axis].min(b[axis])), [0, 1, 2].map(|axis| a[axis].max(b[axis]))]
 }

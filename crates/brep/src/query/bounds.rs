@@ -1,21 +1,21 @@
-//! The box around a model's surface, found by the octree.
+//! Bounding box of a model's surface, found by the octree.
 
 use super::visited::{Recent, half_of};
 use crate::{ExactModel, FaceBuffer, Faces, ModelNode, ModelNodeState};
 use spinney_base::Result;
 
 impl ExactModel {
-    /// Least and greatest coordinates of the surface in the world, exact. Reads what may lie farther out than what was
-    /// found before, and not all faces.
+    /// Returns the exact minimum and maximum world coordinates of the surface. Reads only cells
+    /// that may extend beyond the box found so far.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn bounds(&self) -> Result<[[f64; 3]; 2]> {
-        // (A damaged file may have no face in its tree.)
+        // (The tree of a corrupt file may have no faces.)
         Ok(self.grid_bounds()?.unwrap_or([[0; 3]; 2]).map(|corner| self.grid().to_world(corner)))
     }
 
-    /// Least and greatest coordinates of the surface on the grid; `None` without faces.
+    /// Returns the minimum and maximum grid coordinates of the surface; `None` without faces.
     pub(crate) fn grid_bounds(&self) -> Result<Option<[[i32; 3]; 2]>> {
         let nothing = [[i32::MAX; 3], [i32::MIN; 3]];
         let mut walk =
@@ -37,7 +37,7 @@ impl Walk<'_> {
         if node.state() == ModelNodeState::Inner {
             let bounds = node.bounds(self.model.grid());
             for child in 0..8 {
-                // (Before the child is looked up, which takes longer.)
+                // (Tested before the child is looked up, which takes longer.)
                 if self.is_wanted(half_of(&bounds, child)) {
                     self.node(&self.model.child(node, child)?)?;
                 }
@@ -59,10 +59,10 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Whether a cell goes beyond what was found.
+    /// Returns whether a cell extends beyond the box found so far.
     fn is_wanted(&self, [low, high]: [[i64; 3]; 2]) -> bool {
         let [min, max] = self.found.map(|corner| corner.map(|at| 2 * i64::from(at)));
-        // Walls lie half a unit outside of a cell's points.
+        // Walls are half a unit outside of a cell's points.
         (0..3).any(|axis| low[axis] + 1 < min[axis] || max[axis] < high[axis] - 1)
     }
 }

@@ -7,27 +7,29 @@ use crate::exact::bounds::CELL_ROUNDING;
 use crate::{ExactModel, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState};
 use spinney_base::{Error, Progress, Result};
 
-/// The part of a cell that is inside a body, in the world.
+/// The fraction of a cell that is inside of a body, in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CellCoverage {
     /// Share of the cell that is inside, 0 to 1.
     pub share: f64,
-    /// Its volume.
+    /// Volume inside.
     pub volume: f64,
-    /// Its centre of gravity; `None` if there is nothing.
+    /// Centre of gravity of the volume inside; `None` if there is none.
     pub centre: Option<[f64; 3]>,
-    /// Nodes and faces that were looked at for it.
+    /// Nodes and faces visited.
     pub visited: Visited,
 }
 
 impl ExactModel {
-    /// The part of a cell that is inside: exact but for rounding, see [`Coverage`]. Cells may be smaller than the leaves
-    /// that they lie in, down to single points of the grid.
+    /// Returns the part of a cell that is inside of the body: exact except for rounding, see
+    /// [`Coverage`]. Cells may be smaller than the leaves that contain them, down to single grid
+    /// points.
     ///
-    /// A cell that is an inner node is the sum of the cells below it; time goes with their number.
+    /// The result of an inner node is the sum over the cells below it; time is proportional to
+    /// their number.
     ///
     /// # Errors
-    /// If there is no such cell, the file is damaged or cannot be read, or on interruption.
+    /// If there is no such cell, the file is corrupt or cannot be read, or on cancellation.
     pub fn cell_coverage(
         &self,
         level: u8,
@@ -56,7 +58,7 @@ impl ExactModel {
     }
 }
 
-/// The cube of a node.
+/// Returns the cube of a node.
 fn cube_of(node: &ModelNode<'_>, grid: &Grid) -> Cube {
     let side = 1u32 << (grid.bits - node.level());
     Cube { min: node.position().map(|at| (at * side) as i32), side }
@@ -70,7 +72,7 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// The coverage of a node and all below it.
+    /// Returns the coverage of a node.
     fn node(&mut self, node: &ModelNode<'_>, cube: &Cube) -> Result<Coverage> {
         if node.state() != ModelNodeState::Inner {
             return self.part(node, cube);
@@ -86,7 +88,7 @@ impl Walk<'_> {
         Ok(sum)
     }
 
-    /// The coverage of a cell within a node without children.
+    /// Returns the coverage of a cell within a node without children.
     fn part(&mut self, node: &ModelNode<'_>, cube: &Cube) -> Result<Coverage> {
         self.visited.nodes += 1;
         if self.visited.nodes.is_multiple_of(256) {
@@ -115,7 +117,7 @@ impl Walk<'_> {
 }
 
 impl Coverage {
-    /// Adds what is inside in a part of a cell.
+    /// Adds the coverage of a child cell.
     fn add_part(&mut self, cube: &Cube, part: &Cube, coverage: &Coverage) {
         self.volume += coverage.volume;
         for axis in 0..3 {
@@ -131,7 +133,7 @@ impl Coverage {
             let within = (self.moments[axis] / self.volume).clamp(0.0, f64::from(cube.side));
             f64::from(cube.min[axis]) - 0.5 + within
         });
-        // Not of what is no more than rounding.
+        // A centre of mere rounding errors is meaningless.
         let is_something = share > CELL_ROUNDING && centre.iter().all(|at| at.is_finite());
         CellCoverage {
             share,

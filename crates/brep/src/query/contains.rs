@@ -1,4 +1,4 @@
-//! Which points are inside the body.
+//! Point location: which points are inside of the body.
 
 use crate::exact::bounds::FINE_BITS;
 use crate::exact::crossing::{FinePoint, Outline, change_between};
@@ -11,37 +11,37 @@ use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 /// Location of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Location {
-    /// Inside the body.
+    /// Inside of the body.
     Inside,
-    /// Outside.
+    /// Outside of the body.
     Outside,
     /// On a face, an edge or a vertex.
     Boundary,
 }
 
-/// Bits behind the point of coordinates: points are taken to the nearest of a grid that is 2^32 times finer than
-/// the model's.
+/// Fraction bits of query points: they are rounded to a grid that is 2^32 times finer than the
+/// model's.
 const BITS: u32 = FINE_BITS;
 
 impl ExactModel {
-    /// Where a point of the world lies: exact for the nearest point of a grid that is 2^32 times finer than the
-    /// model's.
+    /// Locates a point of the world: exact for the nearest point of a grid that is 2^32 times finer
+    /// than the model's.
     ///
-    /// The cell in which the point lies is found from the root down. Where faces cut it, the planes tell, or the
-    /// faces between the point and the cell's least corner, of which it is known whether it is inside (the incident
-    /// rays of N. A. Tyukachev's set operations, made right for rays that pass through edges and vertices by the
-    /// simulation of simplicity).
+    /// The point's cell is found from the root down. If faces cut it, the cell's rule on their
+    /// planes decides, or the faces between the point and the cell's minimum corner, whose state is
+    /// known. (These are the incident rays of N. A. Tyukachev's set operations, with simulation of
+    /// simplicity for rays through edges and vertices.)
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn locate(&self, point: [f64; 3]) -> Result<Location> {
         run_batched(|| self.locate_with(point, &mut FaceBuffer::default()))
     }
 
-    /// Where many points of the world lie, as [`ExactModel::locate`] says it.
+    /// Locates many points of the world, as [`ExactModel::locate`].
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn locate_all(&self, points: &[[f64; 3]], locations: &mut Vec<Location>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
         let before = locations.len();
@@ -78,8 +78,8 @@ impl ExactModel {
         }
     }
 
-    /// Whether a face of a cell beside it has a point that lies on the cell's lower walls: where a face goes through
-    /// an edge of the cell, it need not cut the cell itself.
+    /// Returns whether a point on the cell's lower walls is on a face of a neighbouring cell: a
+    /// face through an edge of the cell may not cut the cell itself.
     fn touches_across(
         &self,
         node: &ModelNode<'_>,
@@ -107,7 +107,7 @@ impl ExactModel {
         Ok(false)
     }
 
-    /// Where a point lies that is in a cell without children.
+    /// Locates a point in a cell without children.
     fn locate_in(
         &self,
         node: &ModelNode<'_>,
@@ -133,7 +133,7 @@ impl ExactModel {
             }
             match rule {
                 LeafRule::Crossings => winding += change_between(&outline, &corner, point),
-                // (On the plane, but not on the face: the faces that are there tell.)
+                // (A point on the plane, but not on the face, is decided by the other faces.)
                 _ => {
                     all &= side < 0;
                     any |= side < 0;
@@ -149,7 +149,7 @@ impl ExactModel {
     }
 }
 
-/// A face as crossings need it.
+/// Returns a face as input of crossing tests.
 fn outline(buffer: &FaceBuffer) -> Outline<'_> {
     let normal = ring_normal(&buffer.points[..buffer.ring_ends[0]]);
     Outline { points: &buffer.points, ring_ends: &buffer.ring_ends, normal }

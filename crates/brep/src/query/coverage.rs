@@ -1,45 +1,49 @@
-//! Volume and first moments of the part of a body in a cell: exact but for rounding, from the faces that cut the cell
-//! and the state of the cell's least corner.
+//! Volume and first moments of a body's part in a cell: exact except for rounding, from the faces
+//! that cut the cell and the state of the cell's minimum corner.
 //!
-//! Whether a point of the cell is inside follows from the corner by going along z, then along y, then along x to the
-//! point, and counting the faces on the way. Integrated over the cell, every face counts with what is behind it:
-//! each crossing with the cell's edge along z with the part of the cell beyond it, each section with the wall of x
-//! and y at the edge with what is beyond it along y and all of x, and each part of a face in the cell with what is beyond it
-//! along x. Nothing has to be capped or put in order, and every sum is one over the faces.
+//! Whether a point of the cell is inside follows from the faces that are crossed on the path from
+//! the corner along z, then along y, then along x. Integrated over the cell, every face contributes
+//! the region beyond it. A crossing with the cell's edge along z contributes the part of the cell
+//! beyond it. A section with the wall through that edge along y contributes what is beyond it along
+//! y, and the whole width along x. A face's area in the cell contributes what is beyond it along x.
+//! Nothing has to be capped or sorted, and every term is a sum over the faces.
 //!
-//! Polygons are fans of triangles, those of holes turned the other way: what is too much goes off again. What a face counts
-//! with jumps where it passes the edge or the corner from which one goes. So that all agree on which side it passes, the edge
-//! and the corner are moved by an infinitesimal vector, by far the most along x and by far the least along z, as lines
-//! are (see [`super::Line`]), and those sides are decided in whole numbers; the moved corner is within the cell. No corner of
-//! a face lies on a wall, as walls are half way between grid points, so that all else is continuous.
+//! Polygons are fans of triangles, and holes are fans of opposite orientation, so excess areas
+//! cancel. A face's contribution is discontinuous where the face passes the starting edge or
+//! corner. For consistency of all faces, the edge and the corner are moved by an infinitesimal
+//! vector, by far the most along x and by far the least along z, as lines are (see
+//! [`super::Line`]). On which side faces pass is decided in integers. The moved corner is within
+//! the cell. Vertices are never on walls, since walls are halfway between grid points, so
+//! everything else is continuous.
 
 use crate::Face;
 use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::cross;
 use crate::geometry::clipped::ClippedPolygon;
 
-/// A cube of the grid, its walls half way between grid points.
+/// A cube of the grid, whose walls are halfway between grid points.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cube {
-    /// The least grid point in it.
+    /// The minimum grid point in it.
     pub min: [i32; 3],
     /// Grid points along each axis: 1 to 2^26.
     pub side: u32,
 }
 
-/// Part of a cell that is inside.
+/// Volume and moments of the part of a cell that is inside.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Coverage {
-    /// Volume, in cubic grid steps. The error is below some 2^-50 times the number of corners of the faces, times their
-    /// extent plus the cell's, times the area of one of the cell's walls.
+    /// Volume, in cubed grid units. The error is below about 2^-50 times the vertex count of the
+    /// faces, times the sum of their extent and the cell's, times the area of one of the cell's
+    /// walls.
     pub volume: f64,
-    /// Integrals of the coordinates from the cell's least corner, in the fourth power of grid steps; errors are those of
-    /// the volume times the side of the cell.
+    /// Integrals of the coordinates relative to the cell's minimum corner, in the fourth power of
+    /// grid units. Errors are those of the volume times the side of the cell.
     pub moments: [f64; 3],
 }
 
 impl Coverage {
-    /// All of a cell.
+    /// Returns the coverage of a cell that is inside completely.
     pub fn full(cube: &Cube) -> Coverage {
         let side = f64::from(cube.side);
         Coverage { volume: side.powi(3), moments: [side.powi(4) / 2.0; 3] }
@@ -50,22 +54,22 @@ impl Coverage {
 #[derive(Clone, Copy, Debug)]
 pub struct CoverageSums {
     cube: Cube,
-    /// In half steps.
+    /// In half grid units.
     side: f64,
-    /// Volume and moments, in powers of half steps, beyond those of the corner.
+    /// Volume and moments, in powers of half grid units, relative to the state of the corner.
     sums: [f64; 4],
 }
 
-/// A point of the wall of y and z, in half steps.
+/// A point of the wall of y and z, in half grid units.
 type WallPoint = [f64; 2];
 
 impl CoverageSums {
-    /// Sums for a cell without faces.
+    /// Creates the sums of a cell without faces.
     pub fn new(cube: Cube) -> CoverageSums {
         CoverageSums { cube, side: 2.0 * f64::from(cube.side), sums: [0.0; 4] }
     }
 
-    /// Adds a face that cuts the cell, or that does not.
+    /// Adds a face; one that does not cut the cell has no effect.
     pub fn add_face(&mut self, face: &Face<'_>) {
         let min = self.cube.min;
         let relative =
@@ -80,10 +84,11 @@ impl CoverageSums {
         }
     }
 
-    /// The part inside, if the cell's least corner is inside, or is not.
+    /// Returns the coverage, given whether the cell's minimum corner is inside.
     ///
-    /// A corner on a face counts as what is beside it in the direction of an infinitesimal vector, by far the most along
-    /// x and by far the least along z: lines between corners, see [`super::Line::between_corners`], tell.
+    /// A corner on a face has the state next to it in the direction of an infinitesimal vector, by
+    /// far the largest along x and by far the smallest along z. [`super::Line::between_corners`]
+    /// finds this state.
     pub fn coverage(&self, corner_is_inside: bool) -> Coverage {
         let full = if corner_is_inside { Coverage::full(&self.cube) } else { Coverage::default() };
         let [volume, moments @ ..] = self.sums;
@@ -93,7 +98,8 @@ impl CoverageSums {
         }
     }
 
-    /// Corners are in half steps from the cell's least corner: odd numbers below 2^29.
+    /// Vertices are in half grid units relative to the cell's minimum corner: odd numbers below
+    /// 2^29.
     fn add_triangle(&mut self, corners: &[[i64; 3]; 3]) {
         let side = 2 * i64::from(self.cube.side);
         let is_beside = |axis: usize| {
@@ -110,13 +116,13 @@ impl CoverageSums {
         self.add_polygon(&polygon);
     }
 
-    /// Adds what is beyond a polygon in the cell along x.
+    /// Adds the region beyond a polygon in the cell along x.
     fn add_polygon(&mut self, polygon: &ClippedPolygon) {
         let Some((first, others)) = polygon.points().split_first() else { return };
         for pair in others.windows(2) {
             let [u, v]: [[f64; 2]; 2] = [0, 1].map(|i| [pair[i][1] - first[1], pair[i][2] - first[2]]);
-            // Where the face is seen from the front it is left. The sum is exact for squares of coordinates at the middles of
-            // the edges.
+            // An ascending path along x leaves the body at a face whose normal points towards
+            // larger x. The rule with the edges' midpoints is exact for quadratic functions.
             let weight = -(u[0] * v[1] - u[1] * v[0]) / 6.0;
             for [a, b] in [[first, &pair[0]], [&pair[0], &pair[1]], [&pair[1], first]] {
                 let [x, y, z] = [0, 1, 2].map(|axis| (a[axis] + b[axis]) / 2.0);
@@ -136,9 +142,9 @@ impl CoverageSums {
         }
     }
 
-    /// Adds what is beyond a triangle's section with the wall where x is least.
+    /// Adds the region beyond a triangle's section with the wall of minimum x.
     fn add_section(&mut self, corners: &[[i64; 3]; 3]) {
-        // Corners do not lie in the wall: one edge leads up through it and one down, or none.
+        // Vertices are not in the wall: one edge passes it upwards and one downwards, or none does.
         let mut ends = [None; 2];
         for i in 0..3 {
             let (a, b) = (&corners[i], &corners[(i + 1) % 3]);
@@ -165,7 +171,8 @@ impl CoverageSums {
         }
     }
 
-    /// Adds what is beyond a part of a section along y. Going up along z, it is entered; going down, it is left.
+    /// Adds the region beyond a segment of a section along y. It is entered if the segment goes up
+    /// along z, and left if it goes down.
     fn add_segment(&mut self, mut from: WallPoint, mut to: WallPoint) {
         const Y: usize = 0;
         const Z: usize = 1;
@@ -184,10 +191,10 @@ impl CoverageSums {
                 (false, false) => {}
             }
         }
-        // (Rounding.)
+        // (Rounding errors.)
         from[Y] = from[Y].max(0.0);
         to[Y] = to[Y].max(0.0);
-        // Simpson's rule is exact for cubes.
+        // Simpson's rule is exact for cubic functions.
         let middle = [0, 1].map(|i| (from[i] + to[i]) / 2.0);
         for ([y, z], share) in [(from, 1.0), (middle, 4.0), (to, 1.0)] {
             let volume = (to[Z] - from[Z]) * share / 6.0 * (self.side - y) * self.side;
@@ -195,12 +202,12 @@ impl CoverageSums {
         }
     }
 
-    /// Adds what is beyond a crossing with the edge along z, if it lies above the corner.
+    /// Adds the region beyond a crossing with the edge along z, if it is above the corner.
     fn add_crossing(&mut self, corners: &[[i64; 3]; 3], at: f64, is_entry: bool) {
         let [a, b, c] = corners;
         let normal = cross([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i])).map(i128::from);
         let height = (0..3).map(|axis| normal[axis] * i128::from(a[axis])).sum::<i128>();
-        // Going up, a face is entered against its normal.
+        // Upwards, a face is entered against its normal.
         let is_above = (sign_or_first(height, normal.map(|n| -n)) < 0) == is_entry;
         if is_above {
             let at = at.clamp(0.0, self.side);
@@ -211,26 +218,26 @@ impl CoverageSums {
     }
 }
 
-/// The point at which an edge passes through the wall where x is least.
+/// The point at which an edge passes the wall of minimum x.
 #[derive(Clone, Copy)]
 struct Passage {
     at: WallPoint,
-    /// Whether y is greater there than at the edge of the cell: exact, and never neither.
+    /// Whether y is larger there than at the edge of the cell: exact, and without ties.
     is_above: bool,
 }
 
 impl Passage {
-    /// Of the edge from a corner below to one above.
+    /// Returns the passage of the edge from a vertex below to one above.
     fn of(below: &[i64; 3], above: &[i64; 3]) -> Passage {
         let width = above[0] - below[0];
-        // Numbers have 29 bits, so that this is exact up to the division.
+        // Numbers have 29 bits, so this is exact up to the division.
         let [y, z] = [1, 2].map(|axis| below[axis] * above[0] - above[axis] * below[0]);
         let is_above = sign_or_first(y, [above[1] - below[1], -width, 0]) > 0;
         Passage { at: [y, z].map(|at| at as f64 / width as f64), is_above }
     }
 }
 
-/// The height at which a section passes the edge where y is least.
+/// Returns the height at which a section passes the edge of minimum y.
 fn crossing(a: WallPoint, b: WallPoint) -> f64 {
     let share = a[0] / (a[0] - b[0]);
     a[1] + (b[1] - a[1]) * share
@@ -246,7 +253,7 @@ mod tests {
 
     type Tetrahedron = [[f64; 3]; 4];
 
-    /// The part of tetrahedra on one side of a plane across an axis.
+    /// Clips tetrahedra to one side of a plane across an axis.
     fn clip(tetrahedra: &[Tetrahedron], axis: usize, at: f64, side: f64) -> Vec<Tetrahedron> {
         let mut kept = Vec::new();
         for tetrahedron in tetrahedra {
@@ -257,7 +264,7 @@ mod tests {
                 let share = height(a) / (height(a) - height(b));
                 [0, 1, 2].map(|i| a[i] + (b[i] - a[i]) * share)
             };
-            // What is left is a tetrahedron, or a prism of three.
+            // The remainder is a tetrahedron, or a prism of three.
             let prism = |[a, b, c]: [[f64; 3]; 3], [d, e, f]: [[f64; 3]; 3]| {
                 [[a, b, c, d], [b, c, d, e], [c, d, e, f]]
             };
@@ -274,7 +281,7 @@ mod tests {
         kept
     }
 
-    /// Volume and moments by cutting tetrahedra into tetrahedra.
+    /// Volume and moments by clipping tetrahedra.
     fn expected(tetrahedra: &[[[i32; 3]; 4]], cube: &Cube) -> Coverage {
         let corner = cube.min.map(|at| f64::from(at) - 0.5);
         let relative = |p: [i32; 3]| [0, 1, 2].map(|axis| f64::from(p[axis]) - corner[axis]);
@@ -305,9 +312,9 @@ mod tests {
         sums.coverage(is_inside(list, cube.min))
     }
 
-    /// Whether a cell's least corner is inside, as seen from outside.
+    /// Whether a cell's minimum corner is inside, computed from outside.
     fn is_inside(list: &FaceList, corner: [i32; 3]) -> bool {
-        // (The root's least corner is on no face, and moved it is beyond none.)
+        // (The root's minimum corner is on no face, and the perturbation crosses none.)
         let Some(line) = Line::between_corners(list.grid(), [0; 3], corner) else { return false };
         let mut winding = 0;
         for number in 0..list.len() as usize {
@@ -347,7 +354,8 @@ mod tests {
         }
     }
 
-    /// Corners on small grids: walls and edges of cells pass exactly through faces and edges, and along them.
+    /// Vertices on small grids: walls and edges of cells pass exactly through faces and edges, and
+    /// along them.
     #[test]
     fn tetrahedra_cover_cells_as_their_parts_do() {
         let mut random = Random(2);
@@ -363,13 +371,13 @@ mod tests {
         }
     }
 
-    /// In far larger bodies cells of one step are as exact as doubles there are.
+    /// In much larger bodies, cells of one grid unit are as exact as doubles allow.
     #[test]
     fn small_cells_in_large_bodies() {
         let mut random = Random(3);
         let (mut cut, side) = (0, 1 << 26);
         for _ in 0..300 {
-            // A face passes through the middle of the grid's first quarter or so.
+            // A face passes near the middle of the grid's first quarter.
             let near = random.point(1 << 20).map(|at| at + (1 << 24));
             let corners = [near, [side - 1, 5, 9], [7, side - 2, 11], [3, 2, side - 3]];
             let Some(faces) = tetrahedron(corners) else { continue };
@@ -393,7 +401,7 @@ mod tests {
         let mut body = Body::new(10).with(cuboid([10; 3], [700, 300, 900], false));
         body = body.with(cuboid([20; 3], [50, 90, 444], true));
         for i in 0..5 {
-            // Cavities in layers, so that none meets another.
+            // Cavities in layers, so that they are disjoint.
             let corners = [0; 4]
                 .map(|_| random.point(200))
                 .map(|p| [p[0] + 150, p[1] % 190 + 100, p[2] / 8 + 40 * i + 460]);

@@ -1,4 +1,4 @@
-//! The nearest point of a model's surface: cells in the order of their distances.
+//! The nearest point of a model's surface: visits cells in the order of their distances.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -14,35 +14,36 @@ use spinney_base::io::batch::run_batched;
 /// A point of a model's surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfacePoint {
-    /// The point in the world.
+    /// The point, in world coordinates.
     pub point: [f64; 3],
-    /// Its distance from where it was asked for, in units of the world.
+    /// Its distance from the query point, in world units.
     pub distance: f64,
-    /// Number of the face on which it lies.
+    /// Number of the face that contains it.
     pub face: u64,
-    /// Nodes and faces that were looked at for it.
+    /// Nodes and faces visited.
     pub visited: Visited,
 }
 
 impl ExactModel {
-    /// The point of the surface that is nearest to a point of the world; of several it is that of the face with the least
-    /// number, as far as their distances do not differ by rounding. `None` without faces, or if the point is no number.
+    /// Returns the point of the surface that is nearest to a point of the world. If several are
+    /// equally near, except for rounding, it is that of the face with the smallest number. Returns
+    /// `None` without faces, or if the point is not finite.
     ///
-    /// Distance and point are rounded as [`nearest_on_face`] and a point's way to the grid and back are: the error is some
-    /// 2^-48 of the coordinates and the distance. Only cells are visited that are nearer than the surface, and faces in
-    /// them.
+    /// Distance and point are rounded like [`nearest_on_face`] and the conversion of a point to the
+    /// grid and back: the error is about 2^-48 of the coordinates and the distance. Visits only
+    /// cells that are nearer than the surface, and faces in them.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn nearest(&self, to: [f64; 3]) -> Result<Option<SurfacePoint>> {
         self.nearest_within(to, f64::INFINITY)
     }
 
-    /// The distance of a point of the world from the surface, as [`ExactModel::nearest`] tells it: negative inside, 0 on the
-    /// surface, infinite without faces.
+    /// Returns the signed distance of a point of the world from the surface, based on
+    /// [`ExactModel::nearest`]: negative inside, 0 on the surface, infinite without faces.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn signed_distance(&self, from: [f64; 3]) -> Result<f64> {
         let distance = self.nearest(from)?.map_or(f64::INFINITY, |nearest| nearest.distance);
         Ok(match self.locate(from)? {
@@ -52,10 +53,11 @@ impl ExactModel {
         })
     }
 
-    /// The nearest point of the surface as [`ExactModel::nearest`], if it is no farther than so much.
+    /// Returns the nearest point of the surface as [`ExactModel::nearest`], if its distance is at
+    /// most `most`.
     ///
     /// # Errors
-    /// Those of [`ExactModel::nearest`].
+    /// As [`ExactModel::nearest`].
     pub fn nearest_within(&self, to: [f64; 3], most: f64) -> Result<Option<SurfacePoint>> {
         let grid = self.grid();
         let from = grid.to_grid(to);
@@ -65,7 +67,8 @@ impl ExactModel {
         run_batched(|| self.nearest_from(from, most))
     }
 
-    /// The nearest point of the surface to a place of the grid, if it is no farther than so much in the world.
+    /// Returns the nearest point of the surface to a point in grid units, if its world distance is
+    /// at most `most`.
     fn nearest_from(&self, from: [f64; 3], most: f64) -> Result<Option<SurfacePoint>> {
         let grid = self.grid();
         let limit = (most / grid.width()).powi(2);
@@ -84,7 +87,7 @@ impl ExactModel {
                 let most = best.map_or(limit, |best| best.distance_squared);
                 let bounds = node.bounds(grid);
                 for child in 0..8 {
-                    // (Before the child is looked up, which takes longer.)
+                    // (Tested before the child is looked up, which takes longer.)
                     let distance = distance_squared(half_of(&bounds, child), from);
                     if distance > most {
                         continue;
@@ -125,7 +128,7 @@ impl ExactModel {
     }
 }
 
-/// Square of the distance of a box in half steps, in grid steps.
+/// Returns the squared distance, in grid units, of a box in half grid units.
 fn distance_squared([min, max]: [[i64; 3]; 2], from: [f64; 3]) -> f64 {
     let along = |axis: usize| {
         let (low, high) = (min[axis] as f64 / 2.0, max[axis] as f64 / 2.0);
@@ -135,7 +138,8 @@ fn distance_squared([min, max]: [[i64; 3]; 2], from: [f64; 3]) -> f64 {
     x * x + y * y + z * z
 }
 
-/// Square of the distance of the least box around corners, less what is rounded of a face's.
+/// Returns the squared distance of the vertices' bounding box, minus the rounding error of a face's
+/// distance.
 fn distance_of_bounds(points: &[[i32; 3]], from: [f64; 3]) -> f64 {
     let (mut min, mut max) = ([i32::MAX; 3], [i32::MIN; 3]);
     for point in points {
@@ -148,13 +152,13 @@ fn distance_of_bounds(points: &[[i32; 3]], from: [f64; 3]) -> f64 {
     distance_squared([min, max], from) * (1.0 - DISTANCE_ROUNDING)
 }
 
-/// A node that is still to be visited.
+/// A node to visit.
 struct Open<'a> {
     distance: f64,
     node: ModelNode<'a>,
 }
 
-/// The nearest is the greatest, as heaps have it.
+/// The nearest node is the largest, as the max-heap requires.
 impl Ord for Open<'_> {
     fn cmp(&self, other: &Self) -> Ordering {
         other.distance.total_cmp(&self.distance)

@@ -1,14 +1,15 @@
-//! Lines against faces: whether they meet is decided in whole numbers, and for all faces together.
+//! Intersection of lines with faces: decided in integers, consistently over all faces.
 //!
-//! A line's ends are rounded to a grid finer than the model's, and taken exactly from there on. Lines may pass through
-//! edges and corners, along faces, and end on them; to have answers that are right for all faces together, each is
-//! thought of as moved by an infinitesimal vector, by far the most along x and by far the least along z (the
-//! simulation of simplicity of Edelsbrunner and Muecke, 1990). A tie is then decided by the first derivative that is not
-//! zero, and every line meets a closed surface as a line in general position does: it never slips through between two
-//! neighbours, and never meets both where it passes from one to the other.
+//! A line's ends are rounded to a grid finer than the model's, and are exact from then on. Lines
+//! may pass through edges and vertices, along faces, and end on them. For results that are
+//! consistent over all faces, each line is treated as moved by an infinitesimal vector, by far the
+//! most along x and by far the least along z (simulation of simplicity, Edelsbrunner and Muecke,
+//! 1990). The first derivative that is not zero then decides a tie, and every line meets a closed
+//! surface like a line in general position does. It never passes between two neighbouring faces,
+//! and never meets both where it crosses from one to the other.
 //!
-//! Seen along the line, a face is met if it winds round the point that the line is. Edges count where they cross the
-//! half-plane from the line along one axis.
+//! Projected along the line, a face is met if it winds around the line's point. Edges count where
+//! they cross the half-plane from the line along one axis.
 
 use super::plane::Plane;
 use crate::exact::bounds::{LINE_BITS as BITS, SHARE_ROUNDING, TURN_ROUNDING};
@@ -16,68 +17,70 @@ use crate::exact::perturbation::sign_or_first;
 use crate::exact::vector::{cross, dot, others, subtract};
 use crate::{Face, Grid};
 
-/// A straight line between two points.
+/// A straight line segment between two points.
 #[derive(Clone, Copy, Debug)]
 pub struct Line {
-    /// The ends, in grid steps over `2^fraction`.
+    /// The ends, in grid units over `2^fraction`.
     from: [i64; 3],
     to: [i64; 3],
     fraction: u8,
-    /// From the first end to the second one.
+    /// Vector from the first end to the second one.
     along: [i64; 3],
-    /// The first end and the way to the second one in grid steps, exactly.
+    /// First end and vector to the second one in grid units, exactly.
     start: [f64; 3],
     way: [f64; 3],
-    /// The most that turns around it of edges between points of the grid are off by where doubles compute them.
+    /// Maximum rounding error of the turn of an edge between grid points around the line, in
+    /// doubles.
     rounding: f64,
-    /// The other axes than that along which the half-plane goes.
+    /// The two axes other than the direction of the half-plane.
     across: [usize; 2],
-    /// Shares of the given line at which this one begins and ends.
+    /// Parameters of the original line at which this one begins and ends.
     shares: [f64; 2],
 }
 
-/// Shares of a line at which it enters and leaves what lies between two walls.
+/// Parameters of a line at which it enters and leaves the slab between two walls.
 pub(super) type Passage = [f64; 2];
 
-/// Passages of a line along two walls: between them, or not.
+/// Passages of a line parallel to two walls: between them, or not.
 const ALWAYS: Passage = [f64::NEG_INFINITY, f64::INFINITY];
 const NEVER: Passage = [f64::INFINITY, f64::NEG_INFINITY];
 
 /// A crossing of a line and a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// Share of the line that lies before it: from 0 at its first end to 1 at its last one, or in lengths of the
-    /// direction of a ray. Rounded, with a relative error of less than 2^-50.
+    /// Parameter of the crossing: 0 at the line's first end and 1 at its last one, or in lengths of
+    /// a ray's direction. Rounded, with a relative error of less than 2^-50.
     pub share: f64,
-    /// Whether the line comes from outside.
+    /// Whether the line enters the body.
     pub is_entry: bool,
 }
 
 impl Line {
-    /// The line between two points, in steps of the grid from its point 0, 0, 0; `None` if nothing of it lies near the
-    /// grid, or if it has no length.
+    /// Creates the line between two points, in grid units from the grid's point 0, 0, 0. Returns
+    /// `None` if no part of it is near the grid, or if it has no length.
     ///
-    /// Only the part within one step around the grid counts. Its ends are moved by at most `2^(bits - 41)` steps
-    /// along each axis, for a grid of the most bits that is 1 / 32768 of a step, and by what doubles lose on the way from
-    /// a first end that is far away.
+    /// Only the part within one grid unit around the grid counts. Its ends are moved by at most
+    /// `2^(bits - 41)` grid units along each axis, which is 1 / 32768 of a grid unit for the grid
+    /// with the maximum bits. Rounding of doubles adds to this if the first end is far from the
+    /// grid.
     pub fn between(grid: &Grid, from: [f64; 3], to: [f64; 3]) -> Option<Line> {
         let along = subtract(to, from);
         Line::part(grid, from, along, [0.0, 1.0])
     }
 
-    /// The line from a point without end; as [`Line::between`].
+    /// Creates a ray from a point; as [`Line::between`].
     pub fn ray(grid: &Grid, from: [f64; 3], direction: [f64; 3]) -> Option<Line> {
         Line::part(grid, from, direction, [0.0, f64::INFINITY])
     }
 
-    /// The line between the least corners of two cells, each given by its least grid point: half a step below these,
-    /// exactly. `None` if they are one.
+    /// Creates the line between the minimum corners of two cells, each given by its minimum grid
+    /// point: half a grid unit below it, exactly. Returns `None` if the corners are equal.
     pub fn between_corners(grid: &Grid, from: [i32; 3], to: [i32; 3]) -> Option<Line> {
         let [from, to] = [from, to].map(|point| point.map(|at| 2 * i64::from(at) - 1));
         Line::between_fine(grid, 1, from, to)
     }
 
-    /// The line between two points in `2^-bits` grid steps, exactly.
+    /// Creates the line between two points in `2^-bits` grid units, exactly.
     pub(super) fn between_fine(grid: &Grid, bits: u8, from: [i64; 3], to: [i64; 3]) -> Option<Line> {
         let fraction = BITS - grid.bits;
         let [from, to] = [from, to].map(|point| point.map(|at| at << (fraction - bits)));
@@ -116,13 +119,14 @@ impl Line {
 
     fn new(from: [i64; 3], to: [i64; 3], fraction: u8, shares: [f64; 2]) -> Option<Line> {
         let along = subtract(to, from);
-        // Along the axis that it is the least along, so that the half-plane is one.
+        // The half-plane is along the line's shortest axis, so that it is not degenerate.
         let axis = (0..3).min_by_key(|&axis| along[axis].abs())?;
         let across = others(axis);
         let scale = 1.0 / (1u64 << fraction) as f64;
         let [start, way] = [from, along].map(|at| at.map(|at| at as f64 * scale));
-        // Invariant: lines begin within a step of the grid, so that no coordinate of a point as seen from there is greater than the grid is wide,
-        // and no sum of the magnitudes of a turn's terms than these. Of a line that begins farther away, triangles would be missed.
+        // Invariant: lines begin within one grid unit of the grid. So coordinates relative to their
+        // start are at most the grid's width, and the magnitudes of a turn's terms sum to at most
+        // `terms`. Triangles would be missed by a line that begins farther away.
         debug_assert!(from.iter().all(|at| (-1..=1 << (BITS - fraction)).contains(&(at >> fraction))));
         let reach = (1u64 << (BITS - fraction)) as f64;
         let terms = 2.0 * way.iter().map(|at| at.abs()).sum::<f64>() * reach * reach;
@@ -130,15 +134,15 @@ impl Line {
         (along != [0; 3]).then_some(Line { from, to, fraction, along, start, way, rounding, across, shares })
     }
 
-    /// The crossing with a face, if there is one.
+    /// Returns the crossing with a face, if there is one.
     pub fn crossing(&self, face: &Face<'_>) -> Option<Crossing> {
         self.crossing_of(face, &Plane::of(face))
     }
 
-    /// The crossing with a face whose plane is known.
+    /// Returns the crossing with a face whose plane is known.
     pub(super) fn crossing_of(&self, face: &Face<'_>, plane: &Plane) -> Option<Crossing> {
         let normal = plane.normal.map(i128::from);
-        // (A step of the line against the normal raises the plane.)
+        // (A displacement of the line against the normal raises the plane.)
         let raised = normal.map(|n| -n);
         let height =
             |end: &[i64; 3]| -> i128 { dot(normal, self.relative(&plane.through, end).map(i128::from)) };
@@ -156,14 +160,15 @@ impl Line {
         Some(Crossing { share: first + (last - first) * share, is_entry })
     }
 
-    /// Whether the line passes a triangle by for certain, by doubles: what [`Line::crossing`] says, where these are sure.
+    /// Returns whether the line certainly misses a triangle, in doubles. The result of
+    /// [`Line::crossing`] is the same, if this returns `true`.
     ///
-    /// Two edges with the line on opposite sides, both beyond all rounding, leave no way for the triangle to wind round it, moved by an
-    /// infinitesimal vector or not.
+    /// If the line is on opposite sides of two edges, both beyond the rounding error, the triangle
+    /// cannot wind around it, whether it is perturbed or not.
     #[inline]
     pub(super) fn misses(&self, triangle: &[[i32; 3]; 3]) -> bool {
         let (start, d) = (self.start, self.way);
-        // (Exact: whole numbers of fewer bits than doubles have, over a power of two.)
+        // (Exact: integers with fewer bits than doubles have, over a power of two.)
         let seen = |p: &[i32; 3]| {
             [f64::from(p[0]) - start[0], f64::from(p[1]) - start[1], f64::from(p[2]) - start[2]]
         };
@@ -173,13 +178,13 @@ impl Line {
         turns.iter().any(|turn| *turn > most) & turns.iter().any(|turn| *turn < -most)
     }
 
-    /// A grid point as seen from an end.
+    /// Returns a grid point relative to an end.
     #[inline]
     fn relative(&self, point: &[i32; 3], end: &[i64; 3]) -> [i64; 3] {
         [0, 1, 2].map(|axis| (i64::from(point[axis]) << self.fraction) - end[axis])
     }
 
-    /// How often a ring winds round the line.
+    /// Returns the winding number of a ring around the line.
     fn winding(&self, ring: &[[i32; 3]]) -> i32 {
         let Some(last) = ring.last() else { return 0 };
         let mut winding = 0;
@@ -201,7 +206,7 @@ impl Line {
         winding
     }
 
-    /// Whether a point lies on the positive side of the plane of the half-plane.
+    /// Returns whether a point is on the positive side of the half-plane's plane.
     #[inline]
     fn is_beyond(&self, point: &[i64; 3]) -> bool {
         let [i, j] = self.across;
@@ -211,8 +216,8 @@ impl Line {
         sign_or_first(p[i] * d[j] - p[j] * d[i], step) > 0
     }
 
-    /// To which side the edge between two points passes the line: positive counterclockwise as seen from the line's far
-    /// end.
+    /// Returns on which side the edge between two points passes the line: positive if
+    /// counterclockwise as seen from the line's far end.
     fn turn(&self, a: &[i64; 3], b: &[i64; 3]) -> i32 {
         let (a, b, d) = (a.map(i128::from), b.map(i128::from), self.along.map(i128::from));
         let turn = dot(d, cross(a, b));
@@ -222,14 +227,14 @@ impl Line {
         sign_or_first(0, cross(subtract(a, b), d))
     }
 
-    /// The share of the line within a box of grid coordinates, walls included, a little more than less; `None` if it
-    /// passes by. Shares are those of a [`Crossing`].
+    /// Returns the parameter range of the line within a closed box of grid coordinates, slightly
+    /// enlarged; `None` if it misses the box. Parameters are those of a [`Crossing`].
     pub fn within(&self, min: [f64; 3], max: [f64; 3]) -> Option<[f64; 2]> {
         self.within_all(&[0, 1, 2].map(|axis| self.passage(axis, min[axis], max[axis])))
     }
 
-    /// The shares of this part of the line at which it enters and leaves what lies between two walls across an axis; the first is greater
-    /// if it never does.
+    /// Returns this segment's parameters at which it enters and leaves the slab between two walls
+    /// across an axis; the first is larger if it never does.
     #[inline]
     pub(super) fn passage(&self, axis: usize, min: f64, max: f64) -> Passage {
         let (from, along) = (self.start[axis], self.way[axis]);
@@ -240,8 +245,8 @@ impl Line {
         [a.min(b), a.max(b)]
     }
 
-    /// The passages through both halves of what lies between two walls, which it passes, divided by a wall between them: that first in which it
-    /// begins.
+    /// Returns the passages through both halves of a slab that the line passes, split by a wall:
+    /// first the half in which it begins.
     #[inline]
     pub(super) fn halves(&self, axis: usize, [first, last]: Passage, middle: f64) -> [Passage; 2] {
         let (from, along) = (self.start[axis], self.way[axis]);
@@ -252,18 +257,19 @@ impl Line {
         [[first, middle], [middle, last]]
     }
 
-    /// [`Line::within`] of a box, by the passages along each axis.
+    /// Returns the same as [`Line::within`] of a box, given the passages along each axis.
     #[inline]
     pub(super) fn within_all(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let [first, last] = Line::part_within(passages)?;
         Some([self.share_of(first), self.share_of(last)])
     }
 
-    /// The part of this line within a box, of which it has from 0 to 1, by the passages along each axis; `None` if it passes by.
+    /// Returns the parameter range of this segment, from 0 to 1, within a box, given the passages
+    /// along each axis; `None` if it misses the box.
     #[inline]
     pub(super) fn part_within(passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let [[x, u], [y, v], [z, w]] = *passages;
-        // (Numbers all of them, for which this is one instruction.)
+        // (The operands are not NaN, so that this is a single instruction.)
         let greater = |a: f64, b: f64| if a > b { a } else { b };
         let less = |a: f64, b: f64| if a < b { a } else { b };
         let first = greater(greater(greater(x, y), z) - SHARE_ROUNDING, 0.0);
@@ -271,14 +277,15 @@ impl Line {
         (first <= last).then_some([first, last])
     }
 
-    /// The share of the given line at a part of this one.
+    /// Converts a parameter of this segment to one of the original line.
     #[inline]
     pub(super) fn share_of(&self, part: f64) -> f64 {
         let [start, end] = self.shares;
         start + (end - start) * part
     }
 
-    /// Which halves along an axis it passes through within a part of itself, a little more than less: a bit for each.
+    /// Returns which halves along an axis the line passes within a parameter range, slightly
+    /// enlarged: a bit for each.
     #[inline]
     pub(super) fn halves_within(halves: &[Passage; 2], [first, last]: [f64; 2]) -> u8 {
         let is_within = |[enters, leaves]: [f64; 2]| {
@@ -288,12 +295,13 @@ impl Line {
         u8::from(is_within(halves[0])) | u8::from(is_within(halves[1])) << 1
     }
 
-    /// The child of a cell in which a line through all of them begins: a bit for each axis, set where the line goes down.
+    /// Returns the child of a cell in which a line through all of its children would begin: a bit
+    /// per axis, set if the line descends along it.
     pub(super) fn turned(&self) -> usize {
         (0..3).map(|axis| usize::from(self.along[axis] < 0) << axis).sum()
     }
 
-    /// The point at a share, in steps of the grid.
+    /// Returns the point at a parameter, in grid units.
     pub fn at(&self, share: f64) -> [f64; 3] {
         let [first, last] = self.shares;
         let part = if last > first { (share - first) / (last - first) } else { 0.0 };
@@ -317,8 +325,8 @@ mod tests {
         all
     }
 
-    /// Lines through corners, along edges and in faces of convex bodies: those that begin and end outside cross them
-    /// twice or not at all.
+    /// Lines through vertices, along edges and in faces of convex bodies: lines that begin and end
+    /// outside cross the surface twice or not at all.
     #[test]
     fn lines_through_edges_and_corners_enter_and_leave_once() {
         let mut random = Random(1);
@@ -334,7 +342,7 @@ mod tests {
             let corners: Vec<[i32; 3]> = faces.concat().concat();
             let list = Body::new(4).with(faces).list();
             for _ in 0..10 {
-                // Through two points that are corners, or between them.
+                // Through two points that are vertices, or midpoints of vertices.
                 let mut at = || {
                     let [a, b] = [0; 2].map(|_| corners[random.below(corners.len() as u64) as usize]);
                     [0, 1, 2].map(|i| f64::from(a[i] + b[i]) / 2.0)
@@ -354,7 +362,7 @@ mod tests {
         assert!(counts[1] == 0 && counts[0] > 1000 && counts[2] > 10_000, "{counts:?}");
     }
 
-    /// From any point to a point outside, as often as the point is inside.
+    /// From any point to infinity: the sum of crossings is the winding number of the point.
     #[test]
     fn lines_from_inside_leave_once_more() {
         let mut random = Random(2);
@@ -375,7 +383,8 @@ mod tests {
         }
     }
 
-    /// Of a crossing, the place is where the line meets the plane, also of lines from far away.
+    /// The point of a crossing is where the line meets the plane, also for lines from distant
+    /// points.
     #[test]
     fn places_are_where_they_are_calculated() {
         let mut random = Random(3);
@@ -391,7 +400,8 @@ mod tests {
             let found: Vec<(usize, Crossing)> = (0..4)
                 .filter_map(|number| line.crossing(&list.get(number)).map(|crossing| (number, crossing)))
                 .collect();
-            // It passes through the middle, which may be less than a step from two faces.
+            // The line passes through the centre, which may be less than a grid unit from two
+            // faces.
             for (number, crossing) in found {
                 let plane = Plane::of(&list.get(number));
                 let normal = plane.normal.map(|n| n as f64);
@@ -428,8 +438,8 @@ mod tests {
         assert!(line.within([0.0, 3.0, 0.0], [4.0; 3]).is_none());
     }
 
-    /// Triangles that doubles say are passed by are not crossed, also where lines go through corners and along edges; and of those that
-    /// are not crossed, nearly all are found by doubles.
+    /// Triangles that doubles classify as missed are not crossed, also where lines pass through
+    /// vertices and along edges. Doubles detect nearly all triangles that are not crossed.
     #[test]
     fn triangles_that_are_missed_have_no_crossing() {
         for (bits, size) in [(4, 12), (20, 1 << 20), (MAX_BITS, (1 << MAX_BITS) - 1)] {
@@ -463,8 +473,8 @@ mod tests {
         }
     }
 
-    /// Turns around the longest lines that there are, past the farthest corners, are those of more bits; and shares of
-    /// crossings lie within those of the face's box.
+    /// Turns around the longest lines, past the farthest vertices, equal those of wider integers;
+    /// and parameters of crossings are within those of the face's box.
     #[test]
     fn the_widest_numbers_fit() {
         let far = (1i32 << MAX_BITS) - 1;

@@ -1,50 +1,52 @@
-//! Volume, centre of gravity, moments of inertia, area and bounds of a body: exact from its faces, in one pass.
+//! Volume, centre of gravity, moments of inertia, area and bounds of a body: exact from its faces,
+//! in one pass.
 //!
-//! Every face spans a cone with the grid's first point, and a body is the sum of these cones, those of faces that are
-//! seen from there from outside counted as negative. A cone is a sum of tetrahedra over the fans of the face's rings,
-//! holes again counted as negative, so that nothing has to be triangulated. Volume and moments of a tetrahedron with
-//! whole coordinates are whole numbers over 6, 24 and 120 (see for example P. Lien and J. T. Kajiya, "A symbolic method for
-//! calculating the integral properties of arbitrary nonconvex polyhedra", IEEE CG&A 4(10), 1984), and their sums
-//! do not depend on an order.
+//! Every face spans a cone with the grid's first point, and a body is the signed sum of these
+//! cones. A cone is a signed sum of tetrahedra over the fans of the face's rings, with holes
+//! counted as negative, so no triangulation is needed. Volume and moments of a tetrahedron with
+//! integer coordinates are integers over 6, 24 and 120 (see for example P. Lien and J. T. Kajiya,
+//! "A symbolic method for calculating the integral properties of arbitrary nonconvex polyhedra",
+//! IEEE CG&A 4(10), 1984), and their sums do not depend on the order.
 
 use super::ratio::{Whole, WideSum, odd_part, rounded, whole};
 use crate::exact::vector::{cross, dot, subtract};
 use crate::{ExactModel, Face, Faces, Grid};
 use spinney_base::{Progress, Result};
 
-/// Measures of a body in the world: of volume one throughout.
+/// Measures of a body of uniform density 1, in world units.
 ///
-/// Volume, centre and moments are the exact numbers for the model's grid, each rounded once; the grid's step counts
-/// as the quotient that it is.
+/// Volume, centre and moments are the exact values for the model's grid, each rounded once; the
+/// grid's step counts as an exact quotient.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MassProperties {
     /// Number of faces.
     pub faces: u64,
-    /// Volume; negative if the surface is turned inside out. With corners beside the grid, where the body is (other measures are
-    /// those of the faces on the grid), to about 15 digits.
+    /// Volume; negative if the surface is inside out. With off-grid vertices, it is the volume of
+    /// the exact surface, to about 15 digits; the other measures are those of the faces on the
+    /// grid.
     pub volume: f64,
     /// Centre of gravity; `None` if there is no volume.
     pub centre: Option<[f64; 3]>,
-    /// Second moments about the centre: the integrals of the products of two coordinates, row by row; zeros without
-    /// a centre.
+    /// Second moments about the centre: the integrals of the products of two coordinates, row by
+    /// row; zeros without a centre.
     pub second_moments: [[f64; 3]; 3],
     /// Inertia tensor about the centre for a density of 1; zeros without a centre.
     pub inertia: [[f64; 3]; 3],
-    /// Area of all faces, with a relative error of some 2^-50 (and never more than a millionth of a grid square per
-    /// million faces).
+    /// Area of all faces, with a relative error of about 2^-50 (and an absolute error of at most a
+    /// millionth of a squared grid unit per million faces).
     pub area: f64,
-    /// Least and greatest coordinates; `None` without faces.
+    /// Minimum and maximum coordinates; `None` without faces.
     pub bounds: Option<[[f64; 3]; 2]>,
 }
 
 impl MassProperties {
-    /// Measures the body that faces enclose. Memory does not grow with their number.
+    /// Measures the body that faces enclose. The memory does not depend on their number.
     ///
-    /// The surface has to be closed, and what it encloses has winding number one: otherwise volume and moments are
-    /// those of the cones, weighted by their winding number.
+    /// The surface has to be closed, and its winding number has to be 0 or 1; otherwise, volume and
+    /// moments are weighted by the winding number.
     ///
     /// # Errors
-    /// If the faces cannot be read, or on interruption.
+    /// If the faces cannot be read, or on cancellation.
     pub fn of(faces: &dyn Faces, progress: &dyn Progress) -> Result<MassProperties> {
         let mut sums = MassSums::new();
         faces.each(&mut |face| {
@@ -64,7 +66,7 @@ impl MassProperties {
 }
 
 impl ExactModel {
-    /// See [`Faces::volume_beside`]: in doubles.
+    /// See [`Faces::volume_beside`]. Computed in doubles.
     pub(crate) fn volume_beside_grid(&self) -> Result<f64> {
         let mut sum = 0.0;
         self.each_exact(&mut |face| {
@@ -79,10 +81,11 @@ impl ExactModel {
     }
 }
 
-/// The least number of bits after the point of a sum of areas.
+/// Fraction bits of a sum of areas.
 const AREA_BITS: i32 = 40;
 
-/// Sums over faces, from which measures follow. Sums over parts of the faces add up to the same whatever the parts.
+/// Sums over faces, from which measures are computed. They can be computed for subsets of the faces
+/// and added, with the same result for any partition.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct MassSums {
     faces: u64,
@@ -98,7 +101,7 @@ pub struct MassSums {
 }
 
 impl MassSums {
-    /// Sums over nothing.
+    /// Creates empty sums.
     pub fn new() -> MassSums {
         MassSums::default()
     }
@@ -129,7 +132,8 @@ impl MassSums {
         }
     }
 
-    /// Adds the tetrahedron of a triangle and the grid's first point; returns twice the triangle's area vector.
+    /// Adds the tetrahedron of a triangle and the grid's first point; returns twice the triangle's
+    /// area vector.
     fn add_tetrahedron(&mut self, [a, b, c]: [[i64; 3]; 3]) -> [i64; 3] {
         let across = cross(subtract(b, a), subtract(c, a));
         // Six times the volume, below 2^80: coordinates have 26 bits.
@@ -162,7 +166,7 @@ impl MassSums {
         }
     }
 
-    /// The measures in the world.
+    /// Returns the measures in world units.
     pub fn measures(&self, grid: &Grid) -> MassProperties {
         let volume = whole(self.volume);
         let step = Step::of(grid);
@@ -186,7 +190,7 @@ impl MassSums {
             let origin = of_volume * whole(i128::from(grid.origin[axis]));
             step.scaled(origin + first[axis], of_volume, 1)
         }));
-        // The product of two first moments over the volume goes off: in 480ths of it.
+        // Subtracts the product of two first moments over the volume: in 480ths of the volume.
         let mut second = [[whole(0); 3]; 3];
         for (moment, [i, j]) in self.second.iter().zip(PAIRS) {
             second[i][j] = of_volume * moment.value() - whole(5) * first[i] * first[j];
@@ -208,7 +212,7 @@ impl MassSums {
 /// Axes of the second moments.
 const PAIRS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [2, 0]];
 
-/// A grid's step as the exact quotient of two whole numbers, times a power of two.
+/// A grid's step as the exact quotient of two integers, times a power of two.
 struct Step {
     number: Whole,
     divisor: Whole,
@@ -221,7 +225,7 @@ impl Step {
         Step { number: whole(number), divisor: whole(divisor), exponent: up - down }
     }
 
-    /// A quotient times a power of the step, rounded once.
+    /// Returns a quotient times a power of the step, rounded once.
     fn scaled(&self, mut number: Whole, mut divisor: Whole, power: i32) -> f64 {
         for _ in 0..power {
             number *= self.number;
@@ -284,7 +288,8 @@ mod tests {
         let found = measure(&list(grid(1.0, 1.0, [0; 3]), &cuboid([0; 3], [most; 3], false)));
         let side = f64::from(most);
         assert_eq!(found.centre, Some([side / 2.0; 3]));
-        // The cube of 26 bits has 78; the fifth power over 12 is compared as a decimal number.
+        // The cube of a 26-bit integer has 78 bits; the fifth power over 12 is compared as a
+        // decimal number.
         assert_eq!(found.volume, (i128::from(most).pow(3)) as f64);
         let fifth = whole(i128::from(most).pow(4)) * whole(i128::from(most));
         assert_eq!(found.second_moments[0][0], (fifth / whole(12)).to_string().parse::<f64>().unwrap());

@@ -1,7 +1,7 @@
-//! Questions to exact models: answers are of the surface itself, and not of cells.
+//! Queries of exact models: results are those of the surface itself, and not of cells.
 //!
-//! Where something is decided (whether a line meets a face, on which side of it a point lies), it is decided in whole
-//! numbers; lengths and volumes are rounded, and each says how much.
+//! Predicates (whether a line meets a face, on which side of a face a point is) are exact, in
+//! integers. Lengths and volumes are rounded, and each function documents its error.
 //!
 //! ```
 //! use spinney::ExactModel;

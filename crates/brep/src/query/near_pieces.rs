@@ -1,4 +1,4 @@
-//! Blocks, segments and faces of a model that were read last, for questions of which many follow each other.
+//! Cache of a model's blocks, segments and faces, for many similar queries.
 
 use super::line::{Crossing, Line};
 use super::plane::Plane;
@@ -9,14 +9,16 @@ use crate::{ExactModel, Face, FaceBuffer, Faces};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::{Error, Result};
 
-/// Corners of a face that is remembered, at most: others are read again.
+/// Maximum number of vertices of a cached face; larger faces are read again.
 const MAX_CORNERS: usize = 64;
-/// Faces that are most often in one block.
+/// Usual number of faces in a block.
 const FACES_OF_BLOCK: u64 = 1 << 10;
 
-/// Pieces of a model that were read last: of each kind one for each number modulo how many there are, which is a power of two.
+/// Direct-mapped cache of a model's blocks, segments and faces: each kind has one slot per number
+/// modulo the slot count, a power of two.
 ///
-/// Answers do not depend on what is remembered: pieces are those of the file, and were checked when they were read first.
+/// Results do not depend on the cache: its entries are those of the file, and were checked on first
+/// use.
 pub(super) struct NearPieces<'a> {
     model: &'a ExactModel,
     blocks: Vec<Option<Block<'a>>>,
@@ -24,13 +26,13 @@ pub(super) struct NearPieces<'a> {
     segments: Vec<Option<(u64, ModelSegment<'a>)>>,
     /// Faces that are not triangles.
     faces: Vec<SeenFace>,
-    /// One with too many corners to be kept.
+    /// A face with too many vertices for the cache.
     large: SeenFace,
 }
 
 /// A face that was read.
 pub(super) struct SeenFace {
-    /// Its number, if there is one.
+    /// Its number; `None` if the slot is empty.
     number: Option<u64>,
     pub(super) buffer: FaceBuffer,
     pub(super) plane: Plane,
@@ -47,7 +49,7 @@ impl SeenFace {
 }
 
 impl<'a> NearPieces<'a> {
-    /// Room for so many pieces of each kind, a power of two.
+    /// Creates a cache of `most` slots per kind, a power of two.
     pub(super) fn new(model: &'a ExactModel, most: usize) -> NearPieces<'a> {
         NearPieces {
             model,
@@ -62,13 +64,13 @@ impl<'a> NearPieces<'a> {
         self.model
     }
 
-    /// The segment of a node that owns one.
+    /// Returns the segment of a node that has one.
     pub(super) fn segment(&mut self, level: u8, position: [u32; 3]) -> Result<ModelSegment<'a>> {
         let code = Code::from_cell(Dimension::Oct, level, position).ok_or_else(|| {
             let found = format!("a cut at level {level}");
             Error::corrupt(self.model.path(), "segment", found, "none there")
         })?;
-        // (Bits of the path are at the top, and so are those of the product that hang on all of them.)
+        // (Path bits are at the top of a code. The product's top bits depend on all of them.)
         let bits = code.bits();
         let spread = bits.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let place = ((u128::from(spread) * self.segments.len() as u128) >> 64) as usize;
@@ -82,7 +84,7 @@ impl<'a> NearPieces<'a> {
         }
     }
 
-    /// The block of a face, and the face's place in it.
+    /// Returns the block of a face, and the face's index in it.
     #[inline]
     fn block(&mut self, number: u64) -> Result<(&Block<'a>, usize)> {
         let slot = (number / FACES_OF_BLOCK) as usize & (self.blocks.len() - 1);
@@ -96,7 +98,7 @@ impl<'a> NearPieces<'a> {
         }
     }
 
-    /// The hit that a crossing of a face is.
+    /// Returns the hit of a crossing of a face.
     pub(super) fn hit(&mut self, line: &Line, face: u64, crossing: Crossing) -> Result<Hit> {
         let Crossing { share, is_entry } = crossing;
         let point = self.model.grid().to_world_between(line.at(share));
@@ -104,7 +106,7 @@ impl<'a> NearPieces<'a> {
         Ok(Hit { share, point, is_entry, face, part: block.part(place) })
     }
 
-    /// The crossing of a line with a face, if there is one.
+    /// Returns the crossing of a line with a face, if there is one.
     #[inline]
     pub(super) fn crossing(&mut self, line: &Line, number: u64) -> Result<Option<Crossing>> {
         let (block, place) = self.block(number)?;
@@ -119,14 +121,15 @@ impl<'a> NearPieces<'a> {
         Ok(line.crossing(&face))
     }
 
-    /// A face of the model, with its plane.
+    /// Returns a face of the model, with its plane.
     pub(super) fn face(&mut self, number: u64) -> Result<&SeenFace> {
         let NearPieces { model, faces, large, .. } = self;
         let slot = number as usize & (faces.len() - 1);
         if faces[slot].number == Some(number) {
             return Ok(&faces[slot]);
         }
-        // Invariant: a face with a number has been read whole, and so has its plane; what fails on the way leaves none.
+        // Invariant: a slot with a number has the complete face and its plane; an error leaves the
+        // slot empty, since a later query would otherwise use mixed data.
         large.number = None;
         model.face(number, &mut large.buffer)?;
         large.plane = Plane::of(&large.buffer.face());

@@ -7,19 +7,20 @@ use crate::exact::vector::{cross, dot, others, subtract};
 /// A point of a face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
-    /// The point, in steps of the grid.
+    /// The point, in grid units.
     pub point: [f64; 3],
-    /// Square of its distance from where it was asked for, in steps of the grid.
+    /// Squared distance from the query point, in grid units.
     pub distance_squared: f64,
     /// Number of the face.
     pub face: u64,
 }
 
-/// The point of a face that is nearest to a point, in steps of the grid. Time goes with the number of corners.
+/// Returns the point of a face that is nearest to a point, in grid units. Time is proportional to
+/// the vertex count.
 ///
-/// Calculated in doubles: distance and point are off by less than 2^-48 of the distance to the face's farthest corner.
-/// Whether the nearest point is on an edge or between them may be decided wrongly, but only where that makes no
-/// greater difference.
+/// Computed in doubles: the error of distance and point is less than 2^-48 of the distance to the
+/// face's farthest vertex. The nearest point may be classified wrongly as on an edge or in the
+/// interior, but only where the difference is below that error.
 pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
     let foot = foot(face, to);
     let (mut point, mut best) = ([f64::NAN; 3], f64::INFINITY);
@@ -46,11 +47,11 @@ pub fn nearest_on_face(face: &Face<'_>, to: [f64; 3]) -> Nearest {
     Nearest { point, distance_squared: best, face: face.number }
 }
 
-/// The point of the edge that is nearest to the origin.
+/// Returns the point of the edge that is nearest to the origin.
 fn nearest_on_edge(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     let along = subtract(b, a);
     let length = dot(along, along);
-    // From the nearer end, so that what is rounded is little.
+    // Relative to the nearer end, to limit the rounding error.
     let share = -dot(a, along);
     if share <= 0.0 || length == 0.0 {
         a
@@ -65,13 +66,14 @@ fn nearest_on_edge(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     }
 }
 
-/// The foot of the perpendicular from a point to a face's plane, as seen from the point; `None` of a face without area.
+/// Returns the foot of the perpendicular from a point to a face's plane, relative to the point;
+/// `None` for a face without area.
 fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
     let (first, others) = face.rings().next()?.split_first()?;
     let first = wide(first);
     let mut normal = [0.0; 3];
     for edge in others.windows(2) {
-        // (Differences have 27 bits, so that only the sums are rounded.)
+        // (Differences have 27 bits, so only the sums are rounded.)
         let [u, v] = [0, 1].map(|end| subtract(wide(&edge[end]), first));
         normal.iter_mut().zip(cross(u, v)).for_each(|(part, own)| *part += own);
     }
@@ -80,9 +82,10 @@ fn foot(face: &Face<'_>, to: [f64; 3]) -> Option<[f64; 3]> {
     (length > 0.0).then(|| normal.map(|n| n * (height / length)))
 }
 
-/// Whether the foot of a perpendicular lies on the face.
+/// Returns whether the foot of a perpendicular is on the face.
 fn is_on_face(face: &Face<'_>, to: [f64; 3], foot: [f64; 3]) -> bool {
-    // Seen along the axis along which the foot is farthest, or the face is seen largest if that is nothing.
+    // Projected along the axis in which the foot is farthest, or along the normal's main axis if
+    // the foot is the point itself.
     let normal = if foot == [0.0; 3] { Plane::of(face).normal.map(|n| n as f64) } else { foot };
     let Some(axis) = (0..3).max_by(|&a, &b| normal[a].abs().total_cmp(&normal[b].abs())) else {
         return false;
@@ -115,7 +118,7 @@ mod tests {
     use super::super::testing::{Body, Random, face_of};
     use super::*;
 
-    /// Square of the distance to the nearest of many points of a triangle, and how far these are from each other.
+    /// Squared distance to the nearest of many sampled points of a triangle.
     fn sampled([a, b, c]: [[f64; 3]; 3], to: [f64; 3]) -> f64 {
         const STEPS: usize = 60;
         let mut best = f64::INFINITY;
@@ -142,7 +145,7 @@ mod tests {
             assert!(best.sqrt() - found.distance_squared.sqrt() < 3.0, "as far as samples are apart");
             let away = subtract(found.point, to);
             assert!((dot(away, away) - found.distance_squared).abs() < 1e-9);
-            // The point is one of the triangle: its own nearest.
+            // The point is on the triangle: it is its own nearest point.
             assert!(nearest_on_face(&list.get(0), found.point).distance_squared < 1e-20);
         }
     }

@@ -1,4 +1,4 @@
-//! Measures of the parts of a model, each for itself: the objects that it is a set of.
+//! Measures of the single parts of a model, for models that are sets of objects.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,8 @@ use spinney_base::{Error, Progress, Result};
 pub struct PartMeasures {
     /// Number of the part: an index into [`Faces::parts`].
     pub part: u32,
-    /// Whether its faces are closed for themselves. If they are not, volume, centre and moments mean nothing.
+    /// Whether its faces are closed by themselves. Otherwise, volume, centre and moments are
+    /// meaningless.
     pub is_closed: bool,
     /// Its measures.
     pub measures: MassProperties,
@@ -22,20 +23,21 @@ pub struct PartMeasures {
 /// Sums over the faces of a part.
 struct Sums {
     mass: MassSums,
-    /// Six times the volume of what is beside the grid, less that of what stands in for it.
+    /// Six times the volume of the faces with off-grid vertices, minus that of their proxies.
     beside: f64,
     closure: ExactClosure,
 }
 
-/// Bytes of the sums of a part, about.
+/// Approximate bytes of a part's sums.
 const PART: u64 = 1 << 10;
 
 impl ExactModel {
-    /// Measures of all parts that have faces, in the order of their numbers. Reads all faces once; sums take about a kilobyte for each
-    /// part.
+    /// Measures all parts that have faces, in the order of their numbers. Reads all faces once;
+    /// sums take about a kilobyte per part.
     ///
     /// # Errors
-    /// If `memory` bytes are not enough, if the file cannot be read or is damaged, or on interruption.
+    /// If `memory` bytes are not enough, if the file cannot be read or is corrupt, or on
+    /// cancellation.
     pub fn part_measures(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<PartMeasures>> {
         let seed = Seed::new();
         let mut sums: BTreeMap<u32, Sums> = BTreeMap::new();

@@ -1,4 +1,4 @@
-//! Planes of faces and the sides of points, exact.
+//! Exact planes of faces.
 
 use crate::Face;
 use crate::exact::normal::ring_normal;
@@ -8,7 +8,7 @@ use crate::exact::normal::ring_normal;
 pub(super) struct Plane {
     /// Outward.
     pub(super) normal: [i64; 3],
-    /// A point of it.
+    /// A point of the plane.
     pub(super) through: [i32; 3],
 }
 

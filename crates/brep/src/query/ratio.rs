@@ -1,13 +1,13 @@
-//! Sums and quotients of whole numbers wider than those of the language.
+//! Sums and quotients of integers that are wider than the built-in types.
 
 use bnum::cast::As;
 use bnum::types::{I1024, U1024};
 
-/// A whole number wide enough for whatever is put together of sums over faces and of a grid's step.
+/// An integer wide enough for all products of sums over faces and powers of a grid's step.
 pub(super) type Whole = I1024;
 
-/// A sum of products, in 192 bits: what does not fit comes in again on the other side, so that a sum is right if its
-/// end fits, whatever there was on the way.
+/// A sum of products, modulo 2^192: partial sums may overflow, and the sum is right if its final
+/// value fits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct WideSum {
     high: i128,
@@ -15,10 +15,10 @@ pub(super) struct WideSum {
 }
 
 impl WideSum {
-    /// Adds the product of two numbers, the second one below 2^62 in magnitude.
+    /// Adds the product of two numbers; the second one must be below 2^62 in magnitude.
     #[inline]
     pub(super) fn add_product(&mut self, a: i128, b: i64) {
-        // In halves of the first number: the lower one's product is below 2^126.
+        // By halves of the first number: the lower half's product is below 2^126.
         let low = i128::from(self.low) + i128::from(a as u64) * i128::from(b);
         self.low = low as u64;
         self.high = self.high.wrapping_add((low >> 64) + (a >> 64) * i128::from(b));
@@ -39,7 +39,7 @@ pub(super) fn whole(number: i128) -> Whole {
     number.as_()
 }
 
-/// A positive normal number as an odd whole number and the power of two by which that is to be multiplied.
+/// Decomposes a positive normal number into an odd integer and the exponent of a power of two.
 pub(super) fn odd_part(number: f64) -> (i128, i32) {
     let bits = number.to_bits();
     let digits = (bits & ((1 << 52) - 1)) | 1 << 52;
@@ -48,18 +48,18 @@ pub(super) fn odd_part(number: f64) -> (i128, i32) {
     (i128::from(digits >> zeros), exponent + zeros as i32)
 }
 
-/// The double nearest to a quotient times a power of two, of two the even one; denormals are rounded twice. The
-/// divisor is not zero, and both are below 2^900 in magnitude.
+/// Returns the double nearest to a quotient times a power of two (ties to even); denormals are
+/// rounded twice. The divisor must not be zero, and both must be below 2^900 in magnitude.
 pub(super) fn rounded(number: Whole, divisor: Whole, exponent: i32) -> f64 {
     let is_negative = (number < whole(0)) != (divisor < whole(0));
     let (number, divisor) = (number.unsigned_abs(), divisor.unsigned_abs());
-    // A quotient of 64 or 65 bits, whose last bit also stands for all that follow it.
+    // A quotient of 64 or 65 bits; its last bit is sticky for all that follow.
     let shift = 64 - (number.bit_width() as i32 - divisor.bit_width() as i32);
     let (number, divisor) = if shift >= 0 { (number << shift, divisor) } else { (number, divisor << -shift) };
     let quotient = number / divisor;
     let is_exact: bool = quotient * divisor == number;
     let digits: u128 = (quotient | U1024::from(!is_exact)).as_();
-    // In two steps, since one power of two may be out of range where the number itself is not.
+    // In two steps, since a single power of two may be out of range although the result is not.
     let scale = exponent - shift;
     let (half, rest) = (scale / 2, scale - scale / 2);
     let magnitude = digits as f64 * power_of_two(half) * power_of_two(rest);
@@ -89,7 +89,7 @@ mod tests {
             assert!(odd % 2 == 1 && odd as f64 * 2f64.powi(exponent) == b.unsigned_abs() as f64 * 0.125);
         }
         assert_eq!(rounded(whole(0), whole(5), 0), 0.0);
-        // Half way between two doubles, and a little more and less.
+        // Halfway between two doubles, and slightly more and less.
         let half = (1i128 << 60) + (1 << 7);
         for (number, expected) in [(half, 1i128 << 60), (half + 1, (1 << 60) + (1 << 8)), (half - 1, 1 << 60)]
         {

@@ -1,4 +1,4 @@
-//! Rays and lines through a model: cells from front to back.
+//! Rays and lines through a model: visits cells from front to back.
 
 use super::line::{Crossing, Line, Passage};
 use super::near_pieces::NearPieces;
@@ -8,14 +8,14 @@ use crate::{ExactModel, Face, Faces};
 use spinney_base::io::batch::run_batched;
 use spinney_base::{Result, sort};
 
-/// A place where a line passes through the surface of a model.
+/// A point where a line crosses the surface of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
-    /// Share of the line that lies before it; of a ray, in lengths of its direction.
+    /// Parameter of the point on the line; of a ray, in lengths of its direction.
     pub share: f64,
-    /// The place in the world.
+    /// The point, in world coordinates.
     pub point: [f64; 3],
-    /// Whether the line comes from outside.
+    /// Whether the line enters the body.
     pub is_entry: bool,
     /// Number of the face.
     pub face: u64,
@@ -24,43 +24,45 @@ pub struct Hit {
 }
 
 impl ExactModel {
-    /// The first place where a ray in the world meets the surface.
+    /// Returns the first point where a ray in the world crosses the surface.
     ///
-    /// That it does is decided for all faces together, so that no ray slips through between two of them, for the ray as
-    /// [`Line`] rounds it: on a grid of the most bits by less than 1 / 16384 of a step.
+    /// The decision is consistent over all faces, so no ray passes between two of them. It is exact
+    /// for the ray as rounded by [`Line`]: by less than 1 / 16384 of a grid unit on a grid with the
+    /// maximum bits.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn ray(&self, from: [f64; 3], direction: [f64; 3]) -> Result<(Option<Hit>, Visited)> {
         let grid = self.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
         self.first_hit(Line::ray(grid, grid.to_grid(from), steps))
     }
 
-    /// The first place where the straight way between two points of the world meets the surface, as
-    /// [`ExactModel::ray`]: whether one sees the other.
+    /// Returns the first point where the straight line between two points of the world crosses the
+    /// surface, as [`ExactModel::ray`]: a line-of-sight test.
     ///
     /// # Errors
-    /// Those of [`ExactModel::ray`].
+    /// As [`ExactModel::ray`].
     pub fn between(&self, from: [f64; 3], to: [f64; 3]) -> Result<(Option<Hit>, Visited)> {
         let grid = self.grid();
         self.first_hit(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
     }
 
-    /// All places where the straight way between two points of the world passes through the surface, in their order.
+    /// Returns all points where the straight line between two points of the world crosses the
+    /// surface, in order.
     ///
     /// # Errors
-    /// Those of [`ExactModel::ray`].
+    /// As [`ExactModel::ray`].
     pub fn crossings(&self, from: [f64; 3], to: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
         self.all_hits(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
     }
 
-    /// All places where a ray in the world passes through the surface, in their order: an odd number if it begins inside of a body,
-    /// else an even one.
+    /// Returns all points where a ray in the world crosses the surface, in order: an odd number if
+    /// it begins inside of a bounded body, otherwise an even number.
     ///
     /// # Errors
-    /// Those of [`ExactModel::ray`].
+    /// As [`ExactModel::ray`].
     pub fn ray_crossings(&self, from: [f64; 3], direction: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
@@ -76,7 +78,7 @@ impl ExactModel {
             let mut all = std::mem::take(&mut walk.found);
             sort::by_key(&mut all, |(number, _)| *number);
             all.dedup_by_key(|(number, _)| *number);
-            // Of those at one place one comes out before another is entered.
+            // At equal parameters, exits precede entries.
             sort::by_wide_key(&mut all, |(_, passed)| {
                 u128::from(sort::float_key(passed.share)) << 1 | u128::from(passed.is_entry)
             });
@@ -94,23 +96,24 @@ impl ExactModel {
         })
     }
 
-    /// Casts many rays through the model: see [`ModelRays`].
+    /// Returns a caster of many rays through the model: see [`ModelRays`].
     pub fn rays(&self) -> ModelRays<'_> {
         ModelRays { model: self, pieces: NearPieces::new(self, REMEMBERED) }
     }
 }
 
-/// Casts rays through a model, one thread at a time, because it remembers what was read; the answers do not depend on that.
+/// Casts rays through a model, from one thread at a time, with a cache of what was read. Results do
+/// not depend on the cache.
 pub struct ModelRays<'a> {
     model: &'a ExactModel,
     pieces: NearPieces<'a>,
 }
 
 impl ModelRays<'_> {
-    /// The first place where a ray in the world meets the surface: [`ExactModel::ray`].
+    /// Returns the first point where a ray in the world crosses the surface: [`ExactModel::ray`].
     ///
     /// # Errors
-    /// Those of [`ExactModel::ray`].
+    /// As [`ExactModel::ray`].
     pub fn first(&mut self, from: [f64; 3], direction: [f64; 3]) -> Result<Option<Hit>> {
         let grid = self.model.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
@@ -120,14 +123,14 @@ impl ModelRays<'_> {
         walk.first()
     }
 
-    /// The first places where many rays meet the surface, as [`ModelRays::first`] tells them, in the rays' order: each is an origin and a
-    /// direction.
+    /// Returns the first points where many rays cross the surface, as [`ModelRays::first`], in the
+    /// rays' order. Each ray is an origin and a direction.
     ///
-    /// They are cast in the order of the places where they enter and leave the model's space, so that those which follow each other
-    /// read the same pages.
+    /// Rays are cast in the order of the points where they enter and leave the model's space, so
+    /// that consecutive rays read the same pages.
     ///
     /// # Errors
-    /// Those of [`ExactModel::ray`].
+    /// As [`ExactModel::ray`].
     pub fn first_of(&mut self, rays: &[[[f64; 3]; 2]]) -> Result<Vec<Option<Hit>>> {
         let grid = self.model.grid();
         let [low, high] = [[0; 3], [((1u64 << grid.bits) - 1) as i32; 3]].map(|corner| grid.to_world(corner));
@@ -142,26 +145,26 @@ impl ModelRays<'_> {
         Ok(hits)
     }
 
-    /// A face, and its normal on the grid, of any length, outwards.
+    /// Returns a face, and its outward normal on the grid, of any length.
     ///
     /// # Errors
-    /// If there is none of that number, or the file is damaged or cannot be read.
+    /// If there is no such face, or the file is corrupt or cannot be read.
     pub fn face(&mut self, number: u64) -> Result<(Face<'_>, [i64; 3])> {
         let seen = self.pieces.face(number)?;
         Ok((seen.buffer.face(), seen.plane.normal))
     }
 }
 
-/// Pieces and faces that are remembered of each kind from one ray to the next.
+/// Number of cached blocks, segments and faces, each.
 const REMEMBERED: usize = 1 << 8;
 
-/// The number of a ray in the order of the curve through the places where rays enter and leave a box; the greatest of one that passes
-/// by, or is none.
+/// Returns the position of a ray along a curve through the points where rays enter and leave a box;
+/// the maximum for rays that miss the box or are invalid.
 fn place_of([from, direction]: &[[f64; 3]; 2], low: [f64; 3], high: [f64; 3]) -> u64 {
     let (mut first, mut last) = (0f64, f64::INFINITY);
     for axis in 0..3 {
         let [a, b] = [low, high].map(|wall| (wall[axis] - from[axis]) / direction[axis]);
-        // (Of what is no number nothing is taken.)
+        // (`max` and `min` ignore NaN.)
         (first, last) = (first.max(a.min(b)), last.min(a.max(b)));
     }
     if !(first <= last && last.is_finite()) {
@@ -180,52 +183,52 @@ fn place_of([from, direction]: &[[f64; 3]; 2], low: [f64; 3], high: [f64; 3]) ->
     place
 }
 
-/// Children in the halves along each axis, for each choice of these: a bit for each child.
+/// Children in a selection of the halves along each axis: a bit for each child.
 const ALONG: [[u8; 4]; 3] = [[0, 0x55, 0xaa, 0xff], [0, 0x33, 0xcc, 0xff], [0, 0x0f, 0xf0, 0xff]];
 
-/// A way along a line.
+/// Traversal of the octree along a line.
 struct Walk<'a, 'r> {
     line: Line,
     /// Whether only the first crossing is wanted.
     is_first: bool,
     /// The first crossing, if only that is wanted, and the number of its face.
     first: Option<(u64, Crossing)>,
-    /// All crossings, if these are wanted, some of them more than once.
+    /// All crossings, if these are wanted; some occur more than once.
     found: Vec<(u64, Crossing)>,
     recent: Recent,
     pieces: &'r mut NearPieces<'a>,
     visited: Visited,
 }
 
-/// A cell on the way.
+/// A cell on the line.
 struct Cell {
     level: u8,
     /// Its coordinates among the cells of its level.
     position: [u32; 3],
-    /// Shares of the line at which it passes the walls across each axis.
+    /// Parameters at which the line passes the walls across each axis.
     ///
-    /// Invariant: passages are those of the walls themselves, each divided once, and not of the parent's passages: so two cells agree
-    /// about the wall between them, and no ray is lost between these.
+    /// Invariant: passages are computed from each wall itself, once per wall, and not from the
+    /// parent's passages. So two cells agree on the wall between them, and no ray is lost there.
     passages: [Passage; 3],
-    /// The part of the line within it.
+    /// The line's parameter range within it.
     part: [f64; 2],
 }
 
 impl<'a, 'r> Walk<'a, 'r> {
-    /// A way that looks for the first crossing, or for all.
+    /// Creates a traversal that finds the first crossing, or all.
     fn new(line: Line, is_first: bool, pieces: &'r mut NearPieces<'a>) -> Walk<'a, 'r> {
         let (recent, visited) = (Recent::new(), Visited::default());
         Walk { line, is_first, first: None, found: Vec::new(), recent, pieces, visited }
     }
 
-    /// The first crossing that was found.
+    /// Returns the first crossing that was found.
     fn first(&mut self) -> Result<Option<Hit>> {
         let Some((number, crossing)) = self.first else { return Ok(None) };
         self.pieces.hit(&self.line, number, crossing).map(Some)
     }
 
     fn root(&mut self) -> Result<()> {
-        // (Walls lie half a step before points of the grid.)
+        // (Walls are half a grid unit before grid points.)
         let (low, high) = (-0.5, (1u64 << self.pieces.model().grid().bits) as f64 - 0.5);
         let passages = [0, 1, 2].map(|axis| self.line.passage(axis, low, high));
         match Line::part_within(&passages) {
@@ -234,13 +237,13 @@ impl<'a, 'r> Walk<'a, 'r> {
         }
     }
 
-    /// Goes through a cell whose node owns a segment.
+    /// Visits a cell whose node has a segment.
     fn segment(&mut self, cell: &Cell) -> Result<()> {
         let segment = self.pieces.segment(cell.level, cell.position)?;
         self.node(&segment, segment.word(0), cell)
     }
 
-    /// Goes through a node of a segment, from front to back.
+    /// Visits a node of a segment, from front to back.
     fn node(&mut self, segment: &ModelSegment<'a>, word: u32, cell: &Cell) -> Result<()> {
         self.visited.nodes += 1;
         match word & 7 {
@@ -253,7 +256,7 @@ impl<'a, 'r> Walk<'a, 'r> {
         let halves = |axis: usize| self.line.halves(axis, cell.passages[axis], middle(axis));
         let halves = [halves(0), halves(1), halves(2)];
         let there = |axis: usize| usize::from(Line::halves_within(&halves[axis], cell.part));
-        // A bit for each child that it may pass, those first in which it begins.
+        // A bit for each child that the line may pass, in the order from its beginning.
         let mut ahead = ALONG[0][there(0)] & ALONG[1][there(1)] & ALONG[2][there(2)];
         let turned = self.line.turned();
         while ahead != 0 {
@@ -274,7 +277,8 @@ impl<'a, 'r> Walk<'a, 'r> {
         Ok(())
     }
 
-    /// The part of the line within a cell, if any of it is before what was found.
+    /// Returns the line's parameter range within a cell, unless it is after the crossing that was
+    /// found.
     #[inline]
     fn wanted(&self, passages: &[Passage; 3]) -> Option<[f64; 2]> {
         let part = Line::part_within(passages)?;

@@ -1,4 +1,4 @@
-//! Boxes and a model: inside, outside, or neither.
+//! Location of boxes relative to a model: inside, outside, or neither.
 
 use super::line::Line;
 use super::visited::{Recent, Visited, half_of};
@@ -18,13 +18,15 @@ pub enum BoxLocation {
 }
 
 impl ExactModel {
-    /// Whether a box of the world with its sides along the axes lies inside or outside of the body, or is cut by its surface.
+    /// Locates an axis-aligned box of the world relative to the body: inside, outside, or cut by
+    /// its surface.
     ///
-    /// The box is rounded outward to a grid that is `2^(31 - bits)` times as fine as the model's, for a grid of the most
-    /// bits to 1 / 32 of a step; all else is exact. Faces that only touch it, or lie in its walls, do not cut it.
+    /// The box is rounded outward to a grid that is `2^(31 - bits)` times finer than the model's:
+    /// to 1 / 32 of a grid unit for a grid with the maximum bits. Everything else is exact. Faces
+    /// that only touch the box, or are in its walls, do not cut it.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read, or if the box is none.
+    /// If the file is corrupt or cannot be read, or if the box is invalid.
     pub fn locate_box(&self, min: [f64; 3], max: [f64; 3]) -> Result<(BoxLocation, Visited)> {
         let grid = self.grid();
         let bits = 31 - grid.bits;
@@ -38,7 +40,7 @@ impl ExactModel {
                 "least coordinates, and greatest ones that are no less",
             ));
         }
-        // What is far outside stays just outside: beyond the root's cell.
+        // Coordinates far outside are clamped to just outside of the root's cell.
         let (least, most) = (-1.0, (1u64 << grid.bits) as f64);
         let from = low.map(|at| (at.clamp(least, most) * scale).floor() as i64);
         let to = high.map(|at| (at.clamp(least, most) * scale).ceil() as i64);
@@ -64,7 +66,7 @@ impl ExactModel {
             (true, _) => BoxLocation::Cut,
             (false, true) => BoxLocation::Outside,
             (false, false) if walk.inside => BoxLocation::Inside,
-            // Only parts of leaves, and no face in any: they are alike.
+            // Only uncut parts of leaves remain, which all have the same state.
             (false, false) if walk.uncut == Some(true) => BoxLocation::Inside,
             (false, false) => BoxLocation::Outside,
         };
@@ -74,14 +76,14 @@ impl ExactModel {
 
 struct Walk<'a> {
     model: &'a ExactModel,
-    /// In `2^-bits` steps of the grid.
+    /// In `2^-bits` grid units.
     bounds: Box3,
     bits: u8,
-    /// Whether something of the box is known to be outside.
+    /// Whether some point of the box is known to be outside.
     outside: bool,
-    /// Whether something of it is known to be inside.
+    /// Whether some point of the box is known to be inside.
     inside: bool,
-    /// Whether a part of a leaf that no face cuts is inside.
+    /// Whether the part of the box in a leaf is inside, if no face cuts it.
     uncut: Option<bool>,
     recent: Recent,
     buffer: FaceBuffer,
@@ -90,13 +92,13 @@ struct Walk<'a> {
 }
 
 impl Walk<'_> {
-    /// A box in half steps on the fine grid.
+    /// Converts a box in half grid units to the fine grid.
     fn fine(&self, bounds: &[[i64; 3]; 2]) -> Box3 {
         let [min, max] = bounds.map(|corner| corner.map(|at| at << (self.bits - 1)));
         Box3 { min, max }
     }
 
-    /// Goes through a node that the box meets; says whether the surface is known to pass through the box.
+    /// Visits a node that the box meets; returns whether the surface is known to cut the box.
     fn node(&mut self, node: &ModelNode<'_>) -> Result<bool> {
         let bounds = node.bounds(self.model.grid());
         let cell = self.fine(&bounds);
@@ -106,7 +108,7 @@ impl Walk<'_> {
             ModelNodeState::Full => self.inside = true,
             ModelNodeState::Inner => {
                 for child in 0..8 {
-                    // (Before the child is looked up, which takes longer.)
+                    // (Tested before the child is looked up, which takes longer.)
                     let is_met = self.bounds.inside_meets(&self.fine(&half_of(&bounds, child)));
                     if is_met && self.node(&self.model.child(node, child)?)? {
                         return Ok(true);
@@ -129,11 +131,11 @@ impl Walk<'_> {
                 }
             }
         }
-        // What is inside and what is outside have the surface between them.
+        // The surface is between the inside and the outside.
         Ok(self.inside && self.outside)
     }
 
-    /// Whether the part of the box that lies in a leaf is inside, near its least corner.
+    /// Returns whether the part of the box in a leaf is inside, near its minimum corner.
     fn is_inside(&mut self, node: &ModelNode<'_>, cell: &Box3, corner: bool) -> Result<bool> {
         let to = [0, 1, 2].map(|axis| self.bounds.min[axis].max(cell.min[axis]));
         let Some(line) = Line::between_fine(self.model.grid(), self.bits, cell.min, to) else {
@@ -144,7 +146,8 @@ impl Walk<'_> {
 }
 
 impl Line {
-    /// Whether its end is inside, of a line within a leaf's cell that begins inside or not.
+    /// Returns whether the line's end is inside, for a line within a leaf's cell, given whether it
+    /// begins inside.
     pub(super) fn leads_inside(
         &self,
         model: &ExactModel,
@@ -165,7 +168,7 @@ impl Line {
     }
 }
 
-/// Whether a face passes through the inside of a box in `2^-bits` steps.
+/// Returns whether a face intersects the interior of a box in `2^-bits` grid units.
 fn cuts(face: &Face<'_>, bounds: &Box3, bits: u8, triangulator: &mut Triangulator) -> bool {
     let wide = |point: &[i32; 3]| point.map(|at| i64::from(at) << bits);
     if let [a, b, c] = face.points {

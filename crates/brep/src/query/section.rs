@@ -1,8 +1,9 @@
-//! Sections: where planes cut a body, as polygons with holes.
+//! Sections: intersections of planes and a body, as polygons with holes.
 //!
-//! Each corner of the surface counts as above or below a plane, and faces are cut where their edges lead from the one to the other. Since
-//! that is said of corners alone, faces beside each other are cut at the same points, and what is cut of a closed surface is
-//! closed, whatever lies in the plane or touches it. A corner in the plane counts as above it: a section is that just below the plane.
+//! Each vertex of the surface is classified as above or below a plane, and faces are cut on their
+//! edges from one to the other. Since only vertices are classified, neighbouring faces are cut at
+//! the same points. So the section of a closed surface is closed, whatever is in the plane or
+//! touches it. A vertex in the plane counts as above it: a section is that just below the plane.
 
 use std::collections::{BTreeMap, HashSet};
 
@@ -14,17 +15,18 @@ use crate::{ExactModel, Face, FaceBuffer, Faces, Grid, ModelNode, ModelNodeState
 use spinney_base::io::batch::{defer_missing, finish_deferred, run_batched};
 use spinney_base::{Error, Progress, Result, parallel, sort};
 
-/// A plane of the world: the points whose product with the normal is `distance`.
+/// A plane of the world: the points whose dot product with the normal is `distance`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CuttingPlane {
-    /// A vector on which it is upright, of any length; from where it points to, sections are looked at.
+    /// A vector perpendicular to the plane, of any length. Sections are seen from the side that it
+    /// points to.
     pub normal: [f64; 3],
-    /// The product of the normal with each point of the plane.
+    /// The dot product of the normal and each point of the plane.
     pub distance: f64,
 }
 
 impl CuttingPlane {
-    /// The plane of all points with a coordinate along an axis (0 to 2).
+    /// Creates the plane of all points with a coordinate along an axis (0 to 2).
     ///
     /// # Panics
     /// If there is no such axis.
@@ -34,11 +36,11 @@ impl CuttingPlane {
         CuttingPlane { normal, distance: at }
     }
 
-    /// Two unit vectors in the plane, counterclockwise as seen from where the normal points to: across x these are y and z, across y
-    /// z and x, across z x and y.
+    /// Returns two unit vectors in the plane, counterclockwise as seen from the normal's side: y
+    /// and z for a plane across x, z and x across y, x and y across z.
     pub fn axes(&self) -> [[f64; 3]; 2] {
         let normal = unit(self.normal);
-        // The axis after the one that the normal is nearest to is far enough from it.
+        // The axis after the normal's main axis is at a sufficient angle to the normal.
         let main = (0..3).max_by(|a, b| normal[*a].abs().total_cmp(&normal[*b].abs())).unwrap_or(2);
         let mut first = [0.0; 3];
         first[(main + 1) % 3] = 1.0;
@@ -51,18 +53,19 @@ impl CuttingPlane {
 /// A polygon with holes in a plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SectionPolygon {
-    /// Rings in the world, the outer one first, that end with the point that they begin with: the outer one counterclockwise as seen
-    /// from where the plane's normal points to, holes clockwise.
+    /// Rings in the world, the outer one first, which end with their first point. Seen from the
+    /// normal's side, the outer ring is counterclockwise, and holes are clockwise.
     pub rings: Vec<Vec<[f64; 3]>>,
     /// Its area, without that of the holes.
     pub area: f64,
 }
 
 impl ExactModel {
-    /// Cuts the body by a plane. Points are computed in double precision. The section is that just below the plane, which matters where
-    /// faces lie in it: what ends there from below counts, what stands on it does not. Of models with corners beside the grid, faces
-    /// that stand in for the exact ones are cut. Takes time and memory with the length of the outlines; the octree leads to the faces
-    /// there.
+    /// Cuts the body by a plane. Points are computed in double precision. The section is that just
+    /// below the plane, which matters for faces in the plane: a body that ends there from below is
+    /// included, one that begins there is not. Of models with off-grid vertices, the proxies are
+    /// cut. Takes time and memory proportional to the length of the outlines, whose faces are found
+    /// by the octree.
     ///
     /// ```
     /// use spinney::ExactModel;
@@ -82,15 +85,15 @@ impl ExactModel {
     /// ```
     ///
     /// # Errors
-    /// If the plane is none, the body has no bounds, the surface is not closed there, the file is damaged or cannot be read, or on
-    /// interruption.
+    /// If the plane is invalid, the body is unbounded, the surface is not closed there, the file is
+    /// corrupt or cannot be read, or on cancellation.
     pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
         self.check_plane(plane)?;
         let mut found = self.cut(plane.normal, &[plane.distance], progress)?;
         Ok(found.pop().unwrap_or_default())
     }
 
-    /// Fails if there is no section by a plane.
+    /// Fails if the plane is invalid or the body has no bounded sections.
     fn check_plane(&self, plane: &CuttingPlane) -> Result<()> {
         let length = dot(plane.normal, plane.normal).sqrt();
         if !(length.is_normal() && plane.distance.is_finite()) {
@@ -141,15 +144,16 @@ impl ExactModel {
     }
 }
 
-/// Takes the polygons in each of several planes, with the plane's number.
+/// Receives the polygons of each plane, with the plane's index.
 pub type SectionVisitor<'a> = dyn FnMut(usize, &[SectionPolygon]) -> Result<()> + 'a;
 
 impl ExactModel {
-    /// Cuts the body by many parallel planes, which have these distances, ascending, and hands out what is in each, in their order: as
-    /// [`ExactModel::section`], on all threads of the current pool, with the sections of 256 planes in memory.
+    /// Cuts the body by many parallel planes of ascending distances, and visits the polygons of
+    /// each plane in order. Works as [`ExactModel::section`], on all threads of the current pool,
+    /// with the sections of 256 planes in memory.
     ///
     /// # Errors
-    /// Those of [`ExactModel::section`]; if distances do not ascend, or what `each` returns.
+    /// As [`ExactModel::section`]; if distances do not ascend, or what `each` returns.
     pub fn plane_sections(
         &self,
         normal: [f64; 3],
@@ -157,7 +161,7 @@ impl ExactModel {
         progress: &dyn Progress,
         each: &mut SectionVisitor<'_>,
     ) -> Result<()> {
-        /// Planes that are looked for at once, and those at a time.
+        /// Planes per task, and per batch.
         const TASK: usize = 64;
         const BATCH: usize = 4 * TASK;
         let total = distances.len() as u64;
@@ -225,7 +229,8 @@ impl Walk<'_> {
     }
 }
 
-/// An edge between two points of the grid, the lesser one first: each as one number, which is compared in one go.
+/// An edge between two grid points, the smaller one first. Each point is packed into one integer,
+/// so that a comparison is a single operation.
 type Edge = [u128; 2];
 
 fn packed([x, y, z]: [i32; 3]) -> u128 {
@@ -236,20 +241,20 @@ fn unpacked(point: u128) -> [i32; 3] {
     [(point >> 64) as u32 as i32, (point >> 32) as u32 as i32, point as u32 as i32]
 }
 
-/// The cut of parallel planes through a surface, face by face, on the grid.
+/// The cut of a surface by parallel planes, face by face, on the grid.
 struct PlaneCut {
     normal: [f64; 3],
-    /// Of each plane, in steps times the normal's length; ascending.
+    /// Distance of each plane, in grid units times the normal's length; ascending.
     distances: Vec<f64>,
-    /// Pieces of each plane: the edges that they lead from and to.
+    /// Segments in each plane: the edges from and to which they lead.
     pieces: Vec<Vec<[Edge; 2]>>,
-    /// Heights of the corners of a face.
+    /// Heights of the vertices of a face.
     heights: Vec<f64>,
 }
 
 impl PlaneCut {
     fn new(grid: &Grid, normal: [f64; 3], distances: &[f64]) -> PlaneCut {
-        // World coordinates are origin and steps times the step's width.
+        // World coordinates are the origin plus grid coordinates times the step's width.
         let origin = dot(normal, grid.to_world_between([0.0; 3]));
         let distances: Vec<f64> =
             distances.iter().map(|distance| (distance - origin) / grid.width()).collect();
@@ -261,17 +266,17 @@ impl PlaneCut {
         dot(self.normal, point.map(f64::from))
     }
 
-    /// The planes that may have points between two heights.
+    /// Returns the planes that may have points between two heights.
     fn planes(&self, low: f64, high: f64) -> std::ops::Range<usize> {
         let first = self.distances.partition_point(|distance| *distance < low);
         let count = self.distances[first..].partition_point(|distance| *distance <= high);
         first..first + count
     }
 
-    /// Whether a box in half steps may have points of a plane.
+    /// Returns whether a plane may intersect a box in half grid units.
     fn may_meet(&self, [low, high]: &[[i64; 3]; 2]) -> bool {
         let middle = dot(self.normal, [0, 1, 2].map(|axis| (low[axis] + high[axis]) as f64 / 4.0));
-        // (A step more, for what rounding does.)
+        // (Extended by a grid unit for rounding errors.)
         let reach =
             (0..3).map(|axis| self.normal[axis].abs() * ((high[axis] - low[axis]) as f64 / 4.0 + 1.0));
         let reach = reach.sum::<f64>();
@@ -291,10 +296,11 @@ impl PlaneCut {
         self.heights = heights;
     }
 
-    /// Adds what a plane cuts of a face.
+    /// Adds the segments of a face in a plane.
     fn piece(&mut self, plane: usize, face: &Face<'_>, heights: &[f64]) {
         let is_above = |corner: usize| heights[corner] >= self.distances[plane];
-        // Edges that lead down, and those that lead up: between the one and the next of the other is the face.
+        // Downward and upward edges. The face is between each edge and the next one of the other
+        // kind.
         let mut crossed: [Vec<Edge>; 2] = Default::default();
         let mut start = 0;
         for &end in face.ring_ends {
@@ -319,7 +325,7 @@ impl PlaneCut {
         self.pieces[plane].extend(down.into_iter().zip(up).map(|(from, to)| [from, to]));
     }
 
-    /// The point of an edge that leads through a plane: the same for all faces with the edge.
+    /// Returns the point of an edge in a plane: the same for all faces with the edge.
     fn point(&self, plane: usize, edge: &Edge) -> [f64; 3] {
         let [from, to] = edge.map(unpacked);
         let [a, b] = [from, to].map(|point| self.height(point) - self.distances[plane]);
@@ -327,8 +333,8 @@ impl PlaneCut {
         [0, 1, 2].map(|axis| f64::from(from[axis]) + f64::from(to[axis] - from[axis]) * share)
     }
 
-    /// The rings that the pieces of a plane make: each ends with the point that it begins with. If they are not closed, a point where
-    /// one ends.
+    /// Returns the rings of a plane's segments; each ends with its first point. If they are not
+    /// closed, the error is the end of an open line.
     fn rings(&mut self, plane: usize) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
         let mut pieces = CutPieces::of(std::mem::take(&mut self.pieces[plane]));
         let mut rings = Vec::new();
@@ -353,10 +359,10 @@ impl PlaneCut {
     }
 }
 
-/// Pieces in the order of the edges that they lead from, of which some are taken out.
+/// Segments, sorted by the edge that they lead from; some are removed.
 struct CutPieces {
     list: Vec<[Edge; 2]>,
-    /// At the first piece from an edge: how many of these are taken.
+    /// At the first segment from an edge: number of removed segments from that edge.
     taken: Vec<usize>,
 }
 
@@ -366,7 +372,7 @@ impl CutPieces {
         CutPieces { taken: vec![0; list.len()], list }
     }
 
-    /// Edges to begin at: those that no piece leads to, and then all.
+    /// Returns the edges to begin at: first those that no segment leads to, then all others.
     fn starts(&self) -> Vec<Edge> {
         let mut ends: Vec<Edge> = self.list.iter().map(|[_, to]| *to).collect();
         sort::by(&mut ends, &mut Ord::cmp);
@@ -380,7 +386,7 @@ impl CutPieces {
         first
     }
 
-    /// Takes a piece out that leads from an edge; returns the one that it leads to.
+    /// Removes a segment that leads from an edge; returns the edge that it leads to.
     fn take(&mut self, from: &Edge) -> Option<Edge> {
         let first = self.list.partition_point(|[start, _]| start < from);
         let taken = self.taken.get_mut(first)?;
@@ -390,9 +396,10 @@ impl CutPieces {
     }
 }
 
-/// Joins lines that begin where others end, which is told with some tolerance, to rings; or finds one that ends where none begins.
+/// Joins lines whose ends coincide, with some tolerance, to rings. The error is the end of a line
+/// where no other begins.
 fn joined(lines: Vec<Vec<[f64; 3]>>) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
-    /// Parts of a step that points may be apart.
+    /// Points may be apart by about this fraction of a grid unit.
     const FINE: f64 = 1024.0;
     let place = |point: &[f64; 3]| point.map(|at| (at * FINE).round() as i64);
     let mut starts: BTreeMap<[i64; 3], Vec<Vec<[f64; 3]>>> = BTreeMap::new();
@@ -423,7 +430,7 @@ fn joined(lines: Vec<Vec<[f64; 3]>>) -> Result<Vec<Vec<[f64; 3]>>, [f64; 3]> {
     Ok(rings)
 }
 
-/// Puts rings of a plane together to polygons.
+/// Combines rings of a plane to polygons.
 fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) -> Vec<SectionPolygon> {
     let [u, v] = plane.axes();
     let flat = |point: &[f64; 3]| [dot(u, *point), dot(v, *point)];
@@ -434,7 +441,7 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
         let ring = FlatRing { bounds: bounds(&points), points, ring, area };
         if area > 0.0 { outer.push(ring) } else { holes.push(ring) }
     }
-    // Of several around a hole the smallest one is nearest.
+    // Of several rings around a hole, the smallest is its outer ring.
     sort::by_key(&mut outer, |ring| sort::float_key(ring.area));
     let mut found: Vec<SectionPolygon> = outer
         .iter()
@@ -454,16 +461,17 @@ fn polygons(rings: impl Iterator<Item = Vec<[f64; 3]>>, plane: &CuttingPlane) ->
 struct FlatRing {
     points: Vec<[f64; 2]>,
     ring: Vec<[f64; 3]>,
-    /// Counterclockwise.
+    /// Positive if counterclockwise.
     area: f64,
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     bounds: [[f64; 2]; 2],
 }
 
 impl FlatRing {
-    /// Whether another ring lies inside, which may touch this one in points: by the middles of some of its edges.
+    /// Returns whether another ring, which may touch this one in points, is inside: tests the
+    /// midpoints of some of its edges.
     fn is_around(&self, other: &FlatRing) -> bool {
-        /// Edges that are sampled: an odd number.
+        /// Number of tested edges: an odd number.
         const EDGES: usize = 5;
         let middle = |ends: &[[f64; 2]]| [0, 1].map(|axis| ends[0][axis].midpoint(ends[1][axis]));
         let count = (other.points.len() - 1).min(EDGES);
@@ -471,7 +479,7 @@ impl FlatRing {
         2 * inside > count
     }
 
-    /// Whether a point lies inside, by even and odd.
+    /// Returns whether a point is inside, by the even-odd rule.
     fn has(&self, [x, y]: [f64; 2]) -> bool {
         let [low, high] = self.bounds;
         if x < low[0] || x > high[0] || y < low[1] || y > high[1] {
@@ -488,7 +496,8 @@ impl FlatRing {
     }
 }
 
-/// The area of a closed ring, counterclockwise. (Near its first point, little is lost by rounding.)
+/// Returns the area of a closed ring, positive if counterclockwise. (Relative to its first point,
+/// to limit rounding errors.)
 fn area(points: &[[f64; 2]]) -> f64 {
     let Some(origin) = points.first() else { return 0.0 };
     let to = |point: &[f64; 2]| [point[0] - origin[0], point[1] - origin[1]];

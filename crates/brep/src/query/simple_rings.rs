@@ -1,5 +1,6 @@
-//! Rings of a section that touch themselves or each other in points, made simple: boundaries of connected areas, which are split where
-//! they come to a point again. Polygons are valid by the rules of simple features then.
+//! Makes the rings of a section simple, which may touch themselves or each other in points. The
+//! results are boundaries of connected areas, split at repeated points. Polygons are then valid
+//! simple features.
 
 use std::collections::BTreeMap;
 
@@ -8,18 +9,18 @@ use spinney_base::sort;
 
 type Point = [f64; 3];
 
-/// A point that others nearby are the same as.
+/// A rounded point, equal for points that coincide.
 type Key = [i64; 3];
 
-/// Parts of a grid unit that points of different edges may be apart in the same place.
+/// Points of different edges coincide within this fraction of a grid unit.
 const FINE: f64 = 4096.0;
 
 fn key(point: &Point) -> Key {
     point.map(|at| (at * FINE).round() as i64)
 }
 
-/// Makes rings simple, each of which ends with the point that it begins with and has what is inside on its left, as seen along two
-/// axes of their plane.
+/// Makes rings simple. Each ends with its first point, and has the inside on its left, as seen
+/// along two axes of their plane.
 pub(super) fn simple_rings(mut rings: Vec<Vec<Point>>, axes: [Point; 2]) -> Vec<Vec<Point>> {
     touching_points::insert(&mut rings, axes, 1.0 / FINE);
     let mut counts: BTreeMap<Key, u32> = BTreeMap::new();
@@ -39,7 +40,7 @@ pub(super) fn simple_rings(mut rings: Vec<Vec<Point>>, axes: [Point; 2]) -> Vec<
     simple
 }
 
-/// Splits a ring, given by its points without the last one, at points that it has more than once.
+/// Splits a ring, given without its last point, at repeated points.
 fn split(ring: &[(Key, Point)], found: &mut Vec<Vec<Point>>) {
     let mut open: Vec<(Key, Point)> = Vec::new();
     let mut places: BTreeMap<Key, usize> = BTreeMap::new();
@@ -63,11 +64,11 @@ fn split(ring: &[(Key, Point)], found: &mut Vec<Vec<Point>>) {
     close(open);
 }
 
-/// Directed edges between points, with what is inside on their left.
+/// Directed edges between points, with the inside on their left.
 struct Outlines {
     axes: [Point; 2],
     points: BTreeMap<Key, Point>,
-    /// Of each point: those that edges lead to, some of them several times.
+    /// For each point: ends of the edges that start there, possibly with repetitions.
     out: BTreeMap<Key, Vec<Key>>,
 }
 
@@ -94,7 +95,7 @@ impl Outlines {
         Outlines { axes, points, out }
     }
 
-    /// The angle of the way from one point to another.
+    /// Returns the angle of the direction from one point to another.
     fn angle(&self, from: Key, to: Key) -> f64 {
         let (from, to) = (self.points[&from], self.points[&to]);
         let [x, y] =
@@ -102,7 +103,7 @@ impl Outlines {
         y.atan2(x)
     }
 
-    /// Takes a ring out, without the point that it ends with: around one connected area, or holes in it.
+    /// Removes a ring, without its last point: the outer boundary or a hole of one connected area.
     fn take(&mut self) -> Option<Vec<(Key, Point)>> {
         let start = loop {
             let first = self.out.first_entry()?;
@@ -136,8 +137,9 @@ impl Outlines {
         to
     }
 
-    /// The end of the edge that goes on around what is on the left of the edge to a point: the first one clockwise from where that
-    /// came from. The first edge of the ring is among them, although it was taken.
+    /// Returns the end of the next edge around the area on the left of the edge to a point: the
+    /// first one clockwise from that edge. The first edge of the ring is a candidate, although it
+    /// was removed.
     fn next(&self, from: Key, at: Key, first: (Key, Key)) -> Option<Key> {
         let own = self.out.get(&at).into_iter().flatten().copied();
         let mut ends: Vec<Key> = own.chain((at == first.0).then_some(first.1)).collect();
@@ -171,7 +173,7 @@ mod tests {
         ring.windows(2).map(|ends| ends[0][0] * ends[1][1] - ends[1][0] * ends[0][1]).sum::<f64>() / 2.0
     }
 
-    /// Areas of the rings, and whether each has all of its points once.
+    /// Areas of the rings; checks that each has no repeated points.
     fn areas(rings: Vec<Vec<Point>>) -> Vec<f64> {
         let found = simple_rings(rings, FLAT);
         for ring in &found {
@@ -186,23 +188,24 @@ mod tests {
 
     #[test]
     fn rings_that_touch_themselves_are_split() {
-        // Two squares with a point in common, as one ring in either way.
+        // Two squares with a common point, as one ring in either way.
         let eight = [[0, 0], [2, 0], [2, 2], [4, 2], [4, 4], [2, 4], [2, 2], [0, 2]];
         assert_eq!(areas(vec![ring(&eight)]), [4.0, 4.0]);
         // A hole that touches the ring around it in a point.
         let pinched = [[0, 0], [6, 0], [6, 6], [0, 6], [0, 0], [2, 4], [4, 2]];
         assert_eq!(areas(vec![ring(&pinched)]), [-6.0, 36.0]);
-        // A hole that touches it in two points parts the area.
+        // A hole that touches it in two points splits the area.
         let (outer, hole) =
             (ring(&[[0, 0], [4, 0], [4, 4], [0, 4]]), ring(&[[0, 0], [1, 2], [4, 4], [2, 1]]));
         assert_eq!(areas(vec![outer, hole]), [6.0, 6.0]);
-        // A point that lies within an edge of the same ring, and two of a hole within the sides around it.
+        // A point within an edge of the same ring, and two points of a hole within the sides around
+        // it.
         let pinched = [[0, 0], [6, 0], [6, 6], [4, 6], [3, 0], [2, 6], [0, 6]];
         assert_eq!(areas(vec![ring(&pinched)]), [15.0, 15.0]);
         let (outer, hole) =
             (ring(&[[0, 0], [8, 0], [8, 8], [0, 8]]), ring(&[[4, 0], [3, 4], [4, 8], [5, 4]]));
         assert_eq!(areas(vec![outer, hole]), [28.0, 28.0]);
-        // Walls that lie on each other bound nothing.
+        // Coincident walls bound nothing.
         let (left, right) =
             (ring(&[[0, 0], [2, 0], [2, 2], [0, 2]]), ring(&[[2, 0], [4, 0], [4, 2], [2, 2]]));
         assert_eq!(areas(vec![left.clone(), right]), [8.0]);
@@ -210,7 +213,7 @@ mod tests {
         assert_eq!(simple_rings(vec![left.clone(), apart.clone()], FLAT), [left, apart]);
     }
 
-    /// Areas of random cells, whose squares have points in common.
+    /// Areas of random cells, whose squares share points.
     #[test]
     fn random_cells_have_simple_rings() {
         let mut state = 9u64;

@@ -45,7 +45,7 @@ pub(super) fn face_of(list: &FaceList) -> Face<'_> {
     list.get(0)
 }
 
-/// A box of six rectangles, turned inside out for a cavity.
+/// A box of six rectangles, inside out for a cavity.
 pub(super) fn cuboid(min: [i32; 3], max: [i32; 3], is_cavity: bool) -> Vec<Vec<Ring>> {
     let p = |i: usize| [0, 1, 2].map(|axis| if i >> axis & 1 == 0 { min[axis] } else { max[axis] });
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -58,7 +58,7 @@ pub(super) fn cuboid(min: [i32; 3], max: [i32; 3], is_cavity: bool) -> Vec<Vec<R
     quads.map(face).to_vec()
 }
 
-/// A tetrahedron with its faces outward; `None` if it is flat.
+/// A tetrahedron with outward faces; `None` if it is flat.
 pub(super) fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Vec<Vec<Ring>>> {
     let [u, v, w] = [b, c, d].map(|p| subtract(p.map(i128::from), a.map(i128::from)));
     let volume = dot(u, cross(v, w));
@@ -71,7 +71,7 @@ pub(super) fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Vec<Vec<Ring>>>
     (volume != 0).then(|| faces.to_vec())
 }
 
-/// Numbers that look random but are the same every time (splitmix64).
+/// Reproducible pseudo-random numbers (splitmix64).
 pub(super) struct Random(pub(super) u64);
 
 impl Random {

@@ -1,21 +1,22 @@
-//! Points of rings in a plane that lie within edges of them: where rings touch themselves or each other without a common vertex.
+//! Points of planar rings that are within edges of rings: where rings touch themselves or each
+//! other without a common vertex.
 
 type Point = [f64; 3];
 
-/// Squares of the plane, and the points in each.
+/// A uniform grid of squares, and the points in each.
 struct Squares {
     low: [f64; 2],
     /// Side of a square.
     side: f64,
     columns: usize,
     rows: usize,
-    /// Where the points of each square begin in `points`, and where those of the last one end.
+    /// Start of each square's points in `points`, and the end of the last one's.
     starts: Vec<usize>,
     points: Vec<u32>,
 }
 
 impl Squares {
-    /// About as many squares as points.
+    /// Creates about as many squares as points.
     fn of(points: &[[f64; 2]]) -> Squares {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for point in points {
@@ -23,7 +24,7 @@ impl Squares {
             high = [0, 1].map(|axis| high[axis].max(point[axis]));
         }
         let size = [0, 1].map(|axis| (high[axis] - low[axis]).max(f64::MIN_POSITIVE));
-        // (Not more than so many along an axis, however long and thin all of it is.)
+        // (Limits the number along an axis, for long and thin extents.)
         let side = (size[0] * size[1] / points.len() as f64)
             .sqrt()
             .max(size[0].max(size[1]) / points.len().min(1 << 16) as f64);
@@ -52,7 +53,7 @@ impl Squares {
         self.place(point[1], 1) * self.columns + self.place(point[0], 0)
     }
 
-    /// Passes on the numbers of all points in squares that an edge passes, or that are no farther away than a distance.
+    /// Visits the numbers of all points in squares that are within a distance of an edge.
     fn each_near(&self, [a, b]: [[f64; 2]; 2], distance: f64, each: &mut dyn FnMut(u32)) {
         let (a, b) = if a[0] <= b[0] { (a, b) } else { (b, a) };
         let at = |x: f64| match b[0] > a[0] {
@@ -74,10 +75,10 @@ impl Squares {
     }
 }
 
-/// Inserts into edges of rings those points of all rings that lie within them, up to a distance. Each ring ends with the point that it
-/// begins with; axes are those of the plane.
+/// Inserts points of all rings into edges that pass them within a distance. Each ring ends with its
+/// first point; `axes` are those of the plane.
 ///
-/// Cost: O(n) for n points, and O(n^1.5) where all edges are as long as the rings are wide.
+/// Cost: O(n) for n points, and O(n^1.5) if all edges are as long as the rings are wide.
 pub(super) fn insert(rings: &mut [Vec<Point>], axes: [Point; 2], distance: f64) {
     let flat = |point: &Point| axes.map(|along| (0..3).map(|axis| along[axis] * point[axis]).sum::<f64>());
     let all: Vec<Point> = rings.iter().flat_map(|ring| &ring[1..]).copied().collect();

@@ -1,15 +1,15 @@
-//! Counts of nodes and faces that questions visit on their way down.
+//! Counts of nodes and faces that queries visit.
 
-/// Numbers of nodes and faces that were looked at for an answer.
+/// Numbers of nodes and faces that a query visited.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Visited {
     /// Nodes of the octree.
     pub nodes: u64,
-    /// Faces, those several times that were forgotten between.
+    /// Faces; some count repeatedly, if they were evicted in between.
     pub faces: u64,
 }
 
-/// Memory of the faces that were looked at last: large faces cut many cells, and need not be looked at in each.
+/// Recently visited faces: large faces cut many cells, and should not be tested in each.
 pub(super) struct Recent([u64; 64]);
 
 impl Recent {
@@ -17,7 +17,7 @@ impl Recent {
         Recent([u64::MAX; 64])
     }
 
-    /// Whether a face was looked at and not forgotten; it is known from now on.
+    /// Returns whether a face was visited recently, and records it.
     #[inline]
     pub(super) fn is_known(&mut self, number: u64) -> bool {
         let place = &mut self.0[number as usize % 64];
@@ -25,7 +25,7 @@ impl Recent {
     }
 }
 
-/// The box of a child, of the box of a node.
+/// Returns the box of a child, given the box of a node.
 #[inline]
 pub(crate) fn half_of([min, max]: &[[i64; 3]; 2], child: usize) -> [[i64; 3]; 2] {
     let half = (max[0] - min[0]) / 2;

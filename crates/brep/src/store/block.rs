@@ -1,16 +1,16 @@
-//! Blocks of faces: some that follow each other in the model's order, with the vertices that they share.
+//! Blocks of faces: consecutive faces of a model, with a common vertex list.
 
 use std::collections::HashMap;
 
 use crate::Face;
 use spinney_base::io::FileBytes;
 
-/// Most faces of a block.
+/// Maximum number of faces of a block.
 pub(crate) const MAX_FACES: usize = 1024;
-/// A block with so many corners takes no more faces.
+/// A block with this many corners (vertex indices of its faces) takes no more faces.
 const MANY_CORNERS: usize = 4096;
 
-/// Bytes of a block before its lists.
+/// Bytes of a block's header.
 pub(super) const HEAD: usize = 20;
 pub(super) const COLOURED: u32 = 1;
 pub(super) const WIDE: u32 = 2;
@@ -32,13 +32,13 @@ pub(crate) struct BlockBuilder {
     face_ends: Vec<u32>,
     parts: Vec<u32>,
     sources: Vec<u64>,
-    /// Whether each face stands in for others, with corners beside the grid.
+    /// Whether each face is a proxy for faces with off-grid vertices.
     stand_ins: Vec<bool>,
     is_coloured: bool,
 }
 
 impl BlockBuilder {
-    /// Whether there is no room for more.
+    /// Returns whether the block takes no more faces.
     pub(crate) fn is_full(&self) -> bool {
         self.parts.len() >= MAX_FACES || self.corners.len() >= MANY_CORNERS
     }
@@ -47,7 +47,7 @@ impl BlockBuilder {
         self.parts.is_empty()
     }
 
-    /// Adds a face, which may stand in for others that have corners beside the grid.
+    /// Adds a face, which may be a proxy for faces with off-grid vertices.
     pub(crate) fn push(&mut self, face: &Face<'_>, is_proxy: bool) {
         if self.parts.is_empty() {
             self.first = face.number;
@@ -56,7 +56,7 @@ impl BlockBuilder {
         let start = self.corners.len();
         for (index, &point) in face.points.iter().enumerate() {
             let colour = face.colours.get(index).copied().unwrap_or_default();
-            // Most faces have an edge in common with the one before.
+            // Most faces share an edge with the previous one.
             let is_it = |number: &u32| {
                 let number = *number as usize;
                 self.vertices[number] == point && self.colours[number] == colour
@@ -81,7 +81,7 @@ impl BlockBuilder {
         self.stand_ins.push(is_proxy);
     }
 
-    /// The number of the first face, and the block's bytes; the builder is empty after that.
+    /// Returns the number of the first face, and the block's bytes; resets the builder.
     pub(crate) fn finish(&mut self) -> (u64, Vec<u8>) {
         let is_wide = self.vertices.len() > 1 << 16;
         let are_triangles = self.face_ends.len() == self.ring_ends.len()
@@ -146,7 +146,7 @@ pub(crate) struct Block<'a> {
     layout: BlockLayout,
 }
 
-/// Places of a block's lists.
+/// Counts and offsets of a block's lists.
 #[derive(Clone, Copy)]
 pub(super) struct BlockLayout {
     pub(super) faces: usize,
@@ -174,7 +174,7 @@ impl BlockLayout {
         if bytes.len() < HEAD {
             return None;
         }
-        // (Below 2^32 each, so that no sum overflows.)
+        // (Each is below 2^32, so no sum overflows.)
         let [faces, vertices, rings, corners] = [0, 4, 8, 12].map(|at| word(bytes, at) as usize);
         let flags = word(bytes, 16);
         let has = |flag: u32| flags & flag != 0;
@@ -209,14 +209,14 @@ impl BlockLayout {
     }
 }
 
-/// Corners and rings of a face that was read; its memory is used again for the next one.
+/// Vertices and rings of a face that was read; the memory is reused for the next face.
 #[derive(Clone, Debug, Default)]
 pub struct FaceBuffer {
-    /// Corners of all rings, the outer ring's first.
+    /// Vertices of all rings, the outer ring's first.
     pub points: Vec<[i32; 3]>,
     /// End of each ring in `points`.
     pub ring_ends: Vec<usize>,
-    /// A colour for each corner, or none.
+    /// A colour per vertex, or none.
     pub colours: Vec<[u8; 3]>,
     /// Number of the face in its model.
     pub number: u64,
@@ -224,12 +224,12 @@ pub struct FaceBuffer {
     pub part: u32,
     /// Number of the face in the file that the model was built from.
     pub source: u64,
-    /// Whether the face stands in for others, which have corners beside the grid.
+    /// Whether the face is a proxy for faces with off-grid vertices.
     pub(crate) is_proxy: bool,
 }
 
 impl FaceBuffer {
-    /// The face.
+    /// Returns the face.
     pub fn face(&self) -> Face<'_> {
         let FaceBuffer { points, ring_ends, colours, number, part, source, .. } = self;
         Face { number: *number, points, ring_ends, colours, part: *part, source: *source }
@@ -237,15 +237,16 @@ impl FaceBuffer {
 }
 
 impl<'a> Block<'a> {
-    /// A block that was checked before; `None` if its bytes have changed since so that it does not fit into them.
+    /// Wraps a block that was checked before; returns `None` if its bytes have changed since, and
+    /// its lists do not fit.
     pub(crate) fn new(bytes: FileBytes<'a>, first: u64) -> Option<Block<'a>> {
         let layout = BlockLayout::of(&bytes)?;
         (layout.end <= bytes.len()).then_some(Block { bytes, first, layout })
     }
 
-    /// Checks everything that a block may not say: counts that do not fit its length, numbers of vertices that
-    /// are not there, rings of fewer than three corners, coordinates of more than so many bits, parts that are
-    /// not there. What is wrong is told in words.
+    /// Checks a block of an untrusted file: counts match its length, vertex numbers and parts
+    /// exist, rings have at least three vertices, and coordinates have at most `bits` bits. Errors
+    /// describe the flaw.
     pub(crate) fn check(&self, bits: u8, parts: u64) -> Result<(), String> {
         let BlockLayout { faces, vertices, rings, corners, end, .. } = self.layout;
         if faces == 0 || end != self.bytes.len() {
@@ -281,7 +282,7 @@ impl<'a> Block<'a> {
         wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
     }
 
-    /// Number of faces.
+    /// Returns the number of faces.
     pub(crate) fn len(&self) -> usize {
         self.layout.faces
     }
@@ -304,37 +305,38 @@ impl<'a> Block<'a> {
         [word(bytes, 0) as i32, word(bytes, 4) as i32, word(bytes, 8) as i32]
     }
 
-    /// The place of a face in the block, if it has it.
+    /// Returns the index of a face in the block, if the block has it.
     #[inline]
     pub(crate) fn place(&self, number: u64) -> Option<usize> {
         let place = number.wrapping_sub(self.first);
         (place < self.layout.faces as u64).then_some(place as usize)
     }
 
-    /// The corners of a face of a block of triangles, by its place in the block; `None` in other blocks.
+    /// Returns the vertices of a face of a block of triangles, by its index; `None` for other
+    /// blocks.
     #[inline]
     pub(crate) fn triangle(&self, face: usize) -> Option<[[i32; 3]; 3]> {
         let corner = |index: usize| self.vertex(self.corner(3 * face + index));
         self.layout.has(TRIANGLES).then(|| [corner(0), corner(1), corner(2)])
     }
 
-    /// Whether any of the faces may stand in for others.
+    /// Returns whether any face may be a proxy.
     pub(crate) fn has_stand_ins(&self) -> bool {
         self.layout.has(STAND_INS)
     }
 
-    /// Whether a face stands in for others.
+    /// Returns whether a face is a proxy.
     fn is_proxy(&self, face: usize) -> bool {
         let byte = self.bytes.get(self.layout.stand_ins + face / 8).filter(|_| self.has_stand_ins());
         byte.is_some_and(|byte| byte >> (face % 8) & 1 == 1)
     }
 
-    /// The number of a face's part, by its place in the block.
+    /// Returns the number of a face's part, by the face's index in the block.
     pub(crate) fn part(&self, face: usize) -> u32 {
         word(&self.bytes, self.layout.parts + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 
-    /// Reads a face by its place in the block, which must be below the length.
+    /// Reads a face by its index in the block, which must be below the length.
     #[inline]
     pub(crate) fn read(&self, face: usize, buffer: &mut FaceBuffer) {
         let layout = &self.layout;
@@ -414,7 +416,7 @@ mod tests {
                 assert_eq!(&buffer.face(), face);
                 assert_eq!(buffer.is_proxy, index == 1 && face.part == 1);
             }
-            // No change of a byte does more harm than to be found, or to give other faces.
+            // A changed byte is either detected, or yields other valid faces.
             for at in 0..bytes.len() {
                 for to in [0, 1, 0x7f, 0xff] {
                     let mut bytes = bytes.clone();

@@ -1,4 +1,4 @@
-//! Blocks of faces with corners beside the grid, for which others stand in the octree: see `formats.md`.
+//! Blocks of faces with off-grid vertices, which have proxies in the octree: see `formats.md`.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -10,31 +10,31 @@ use crate::arrangement::{Corner, ExactFace, ExactPlane, ExactPoint, Vertices, wi
 use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS, WEIGHT_BITS};
 use spinney_base::io::FileBytes;
 
-/// Tag of the section that finds the blocks.
+/// Tag of the section with the list of blocks.
 pub(crate) const EXACT: [u8; 4] = *b"EXAC";
 
-/// Most faces of a block.
+/// Maximum number of faces of a block.
 const MAX_FACES: usize = 512;
-/// A block with so many corners takes no more faces.
+/// A block with this many corners (vertex references of its faces) takes no more faces.
 const MANY_CORNERS: usize = 2048;
 
-/// Bytes of a block before its lists.
+/// Bytes of a block's header.
 pub(super) const HEAD: usize = 32;
 pub(super) const COLOURED: u32 = 1;
 pub(super) const WIDE: u32 = 2;
 pub(super) const PARTS: u32 = 4;
-/// Bytes of a vertex that is a point of the grid.
+/// Bytes of a vertex that is a grid point.
 const GRID_VERTEX: usize = 12;
 
-/// Most bytes of a part of a normal, of its product with a point, of a coordinate and of a weight.
+/// Maximum bytes of a normal component, an offset, a coordinate and a weight.
 const MAX_WIDTHS: [usize; 4] = [8, 16, 25, 22];
 
-/// Faces that are becoming a block, one after the other.
+/// Collects faces into blocks.
 #[derive(Default)]
 pub(crate) struct ExactBlockBuilder {
     faces: Vec<ExactFace>,
     corners: usize,
-    /// Faces of the blocks before.
+    /// Number of faces of the finished blocks.
     before: u64,
 }
 
@@ -44,28 +44,29 @@ impl ExactBlockBuilder {
         self.faces.push(face);
     }
 
-    /// Whether the block takes no more faces.
+    /// Returns whether the block takes no more faces.
     pub(crate) fn is_full(&self) -> bool {
         self.faces.len() >= MAX_FACES || self.corners >= MANY_CORNERS
     }
 
-    /// Whether the block has no face yet.
+    /// Returns whether the block has no face yet.
     pub(crate) fn is_empty(&self) -> bool {
         self.faces.is_empty()
     }
 
-    /// Counts the faces of a block that is written as it is; returns the number of the first. There are none in the block that is being made.
+    /// Counts the faces of a block that is copied unchanged; returns the number of its first face.
+    /// The current block must be empty.
     pub(crate) fn skip(&mut self, faces: usize) -> u64 {
         self.before += faces as u64;
         self.before - faces as u64
     }
 
-    /// Number of the faces of all blocks so far.
+    /// Returns the number of faces of all blocks so far.
     pub(crate) fn len(&self) -> u64 {
         self.before + self.faces.len() as u64
     }
 
-    /// The number of the block's first face, and its bytes; begins the next one.
+    /// Returns the number of the block's first face, and its bytes; begins the next block.
     pub(crate) fn finish(&mut self) -> (u64, Vec<u8>) {
         let first = self.before;
         let bytes = encode(&self.faces);
@@ -76,7 +77,7 @@ impl ExactBlockBuilder {
     }
 }
 
-/// Bytes of a block.
+/// Encodes a block.
 pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
     let mut planes = Planes::default();
     let mut grid_points: HashMap<[i32; 3], u32, crate::hash::Hasher> = HashMap::default();
@@ -84,7 +85,8 @@ pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
     let mut vertices = Vertices::default();
     let (mut face_planes, mut parts, mut sources) = (Vec::new(), Vec::new(), Vec::new());
     let (mut face_ends, mut ring_ends) = (Vec::<u32>::new(), Vec::<u32>::new());
-    // Numbers of vertices among those of their kind, and of lines.
+    // Vertex kind (on the grid or not), vertex number within its kind, and number of the edge's
+    // plane.
     let mut corners: Vec<(bool, u32, u32)> = Vec::new();
     let mut colours = Vec::new();
     for face in faces {
@@ -154,7 +156,7 @@ pub(crate) fn encode(faces: &[ExactFace]) -> Vec<u8> {
     bytes
 }
 
-/// Planes of a block, each once.
+/// Distinct planes of a block.
 #[derive(Default)]
 struct Planes {
     numbers: HashMap<([i64; 3], i128), u32, crate::hash::Hasher>,
@@ -170,7 +172,7 @@ impl Planes {
     }
 }
 
-/// Bytes that a number has at least, with its sign.
+/// Returns the minimum number of bytes of a signed number.
 fn width_of(number: I256) -> usize {
     let fits = |bytes: &usize| {
         let rest = number >> (8 * *bytes as u32 - 1);
@@ -179,12 +181,12 @@ fn width_of(number: I256) -> usize {
     (1..32).find(fits).unwrap_or(32)
 }
 
-/// Appends the lowest bytes of a number.
+/// Appends the low bytes of a number.
 pub(super) fn push(bytes: &mut Vec<u8>, number: &I256, count: usize) {
     bytes.extend((0..count).map(|byte| -> u8 { (*number >> (8 * byte as u32)).as_() }));
 }
 
-/// A number of fewer bytes, with its sign.
+/// Decodes a signed number from its low bytes.
 pub(super) fn number(bytes: &[u8]) -> I256 {
     let mut found: I256 = (*bytes.last().unwrap_or(&0) as i8).as_();
     for byte in bytes.iter().rev().skip(1) {
@@ -194,7 +196,7 @@ pub(super) fn number(bytes: &[u8]) -> I256 {
     found
 }
 
-/// A number of at most sixteen bytes, with its sign.
+/// Decodes a signed number of at most 16 bytes.
 pub(super) fn short_number(bytes: &[u8]) -> i128 {
     let is_negative = bytes.last().is_some_and(|last| *last >= 0x80);
     let mut all = [if is_negative { 0xff } else { 0 }; 16];
@@ -202,26 +204,26 @@ pub(super) fn short_number(bytes: &[u8]) -> i128 {
     i128::from_le_bytes(all)
 }
 
-/// Counts and places of a block's lists.
+/// Counts and offsets of a block's lists.
 #[derive(Clone, Copy)]
 pub(super) struct ExactLayout {
-    /// Faces, planes, points of the grid, vertices, rings, corners.
+    /// Faces, planes, grid points, vertices, rings, corners.
     pub(super) counts: [usize; 6],
     flags: u32,
-    /// Bytes of a part of a normal, of its product, of a coordinate, and of a weight.
+    /// Bytes of a normal component, an offset, a coordinate, and a weight.
     pub(super) widths: [usize; 4],
-    /// Where its lists begin: planes, points of the grid, vertices, planes of faces, parts, sources, ends of faces, ends of
-    /// rings, corners, colours, and the end.
+    /// Offsets of the lists: planes, grid points, vertices, planes of faces, parts, sources, ends
+    /// of faces, ends of rings, corners, colours, and the end.
     lists: [usize; 11],
 }
 
 impl ExactLayout {
-    /// The layout that a block's head tells; `None` if there is none like that.
+    /// Decodes the layout from a block's header; returns `None` if it is invalid.
     pub(super) fn of(bytes: &[u8]) -> Option<ExactLayout> {
         let head = bytes.get(..HEAD)?;
         let word =
             |index: usize| u32::from_le_bytes(head[4 * index..4 * index + 4].try_into().expect("four bytes"));
-        // (Below 2^32 each, so that no sum overflows.)
+        // (Each is below 2^32, so no sum overflows.)
         let counts = [0, 1, 2, 3, 4, 5].map(|index| word(index) as usize);
         let [faces, planes, grid_points, vertices, rings, corners] = counts;
         let flags = word(6);
@@ -251,7 +253,7 @@ impl ExactLayout {
         Some(ExactLayout { counts, flags, widths, lists })
     }
 
-    /// Bytes of the block.
+    /// Returns the block's length in bytes.
     pub(super) fn len(&self) -> usize {
         self.lists[10]
     }
@@ -261,14 +263,15 @@ impl ExactLayout {
     }
 }
 
-/// Part, source and first corner of a face.
+/// Part, source and first vertex of a face.
 pub(crate) struct ExactHead {
     pub(crate) part: u32,
     pub(crate) source: u64,
     pub(crate) corner: ExactPoint,
 }
 
-/// A block of a file. Faces are made of its bytes one by one, so that memory does not go with what counts in it say.
+/// A block of a file. Faces are decoded one by one, so the memory does not depend on counts of an
+/// untrusted file.
 pub(crate) struct ExactBlock<'a> {
     bytes: FileBytes<'a>,
     bits: u8,
@@ -276,13 +279,14 @@ pub(crate) struct ExactBlock<'a> {
 }
 
 impl<'a> ExactBlock<'a> {
-    /// A block on a grid of so many bits; `None` if its lists do not fit into its bytes.
+    /// Wraps a block on a grid of `bits` bits; returns `None` if its lists do not fit its bytes.
     pub(crate) fn new(bytes: FileBytes<'a>, bits: u8) -> Option<ExactBlock<'a>> {
         let layout = ExactLayout::of(&bytes).filter(|layout| layout.len() == bytes.len())?;
         Some(ExactBlock { bytes, bits, layout })
     }
 
-    /// Checks what does not concern single faces, in a model with so many parts. What is wrong is told in words.
+    /// Checks everything except single faces, for a model with `parts` parts. Errors describe the
+    /// flaw.
     pub(crate) fn check(&self, parts: u64) -> Result<(), String> {
         let [faces, _, _, _, rings, corners] = self.layout.counts;
         let ascend = |list: usize, count: usize, least: u32, last: usize| {
@@ -305,17 +309,17 @@ impl<'a> ExactBlock<'a> {
         wrong.map_or(Ok(()), |part| Err(format!("part {part} of {parts}")))
     }
 
-    /// Number of faces.
+    /// Returns the number of faces.
     pub(crate) fn len(&self) -> usize {
         self.layout.counts[0]
     }
 
-    /// The bytes of the block.
+    /// Returns the bytes of the block.
     pub(crate) fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// Whether corners have colours.
+    /// Returns whether vertices have colours.
     pub(crate) fn is_coloured(&self) -> bool {
         self.layout.has(COLOURED)
     }
@@ -325,7 +329,7 @@ impl<'a> ExactBlock<'a> {
         four.map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
     }
 
-    /// The number at a place of a list of numbers of planes or vertices.
+    /// Returns an entry of a list of plane or vertex numbers.
     fn number(&self, list: usize, index: usize) -> usize {
         if self.layout.has(WIDE) {
             return self.word(self.layout.lists[list] + 4 * index) as usize;
@@ -338,7 +342,7 @@ impl<'a> ExactBlock<'a> {
         self.word(self.layout.lists[4] + if self.layout.has(PARTS) { 4 * face } else { 0 })
     }
 
-    /// Where the rings of a face, or the corners of a ring, begin and end.
+    /// Returns the range of a face's rings, or of a ring's corners.
     fn between(&self, list: usize, index: usize) -> Range<usize> {
         let end = |index: usize| self.word(self.layout.lists[list] + 4 * index) as usize;
         (if index == 0 { 0 } else { end(index - 1) })..end(index)
@@ -352,7 +356,7 @@ impl<'a> ExactBlock<'a> {
         let bytes = bytes.ok_or_else(|| format!("plane {index} of {}", self.layout.counts[1]))?;
         let normal = [0, 1, 2].map(|axis| short_number(&bytes[part * axis..part * (axis + 1)]) as i64);
         let plane = ExactPlane { normal, offset: short_number(&bytes[3 * part..]) };
-        // What the widths of numbers are made for.
+        // Widths of the exact predicates' numbers depend on these limits.
         let is_plane = normal != [0; 3]
             && normal.iter().all(|part| part.unsigned_abs() < 1 << NORMAL_BITS)
             && plane.offset.unsigned_abs() < 1 << OFFSET_BITS;
@@ -377,24 +381,26 @@ impl<'a> ExactBlock<'a> {
         let bytes = bytes.ok_or_else(|| format!("vertex {index} of {}", grid_points + vertices))?;
         let at = [0, 1, 2].map(|axis| number(&bytes[coordinate * axis..coordinate * (axis + 1)]));
         let weight = number(&bytes[3 * coordinate..]);
-        // (Numbers of more bits have no room where they are multiplied.)
+        // (Larger weights would overflow in products.)
         if weight.is_negative() || weight.is_zero() || !(weight >> WEIGHT_BITS).is_zero() {
             return Err(format!("a vertex of the weight {weight}"));
         }
         let point = ExactPoint::of(at, weight);
-        // (It may lie half a step beside the first or the last points.)
+        // (Points may be up to half a grid unit outside of the outermost grid points.)
         let side = (1u64 << self.bits) as f64;
         let is_there = point.near.iter().all(|at| (-1.0..side).contains(at));
         is_there.then_some(point).ok_or_else(|| "a vertex beside the grid's cells".into())
     }
 
-    /// All points of a block that was checked, in the order of their numbers. What is wrong with one is told in words.
+    /// Decodes all points of a checked block, in the order of their numbers. Errors describe an
+    /// invalid point.
     pub(crate) fn points(&self) -> Result<Vec<ExactPoint>, String> {
         let [_, _, grid_points, vertices, ..] = self.layout.counts;
         (0..grid_points + vertices).map(|index| self.vertex(index)).collect()
     }
 
-    /// Hands out the edges of all faces: the plane of the face, that of the edge, and the numbers of its ends. What is wrong is told in words.
+    /// Visits the edges of all faces: the face's plane, the edge's plane, and the numbers of the
+    /// edge's ends. Errors describe an invalid edge.
     pub(crate) fn each_edge(
         &self,
         each: &mut dyn FnMut(&ExactPlane, &ExactPlane, [usize; 2]),
@@ -413,7 +419,8 @@ impl<'a> ExactBlock<'a> {
         Ok(())
     }
 
-    /// Part, source and first corner of a face, by its place in a block that was checked. What is wrong with it is told in words.
+    /// Returns part, source and first vertex of a face, by its index in a checked block. Errors
+    /// describe an invalid face.
     pub(crate) fn head(&self, face: usize) -> Result<ExactHead, String> {
         let first = self.between(7, self.between(6, face).start).start;
         let corner = self.vertex(self.number(8, 2 * first))?;
@@ -425,7 +432,7 @@ impl<'a> ExactBlock<'a> {
         word(0) | word(1) << 32
     }
 
-    /// A face of a block that was checked, by its place there. What is wrong with it is told in words.
+    /// Decodes a face of a checked block, by its index. Errors describe an invalid face.
     pub(crate) fn face(&self, face: usize) -> Result<ExactFace, String> {
         let plane = self.plane(self.number(3, face))?;
         let rings = self.between(6, face);

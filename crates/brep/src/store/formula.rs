@@ -1,21 +1,23 @@
-//! The formula that a model was made by: a text of names of operations and files.
+//! The formula that a model was computed by: a string of operations and file names.
 
 use super::reader::ExactModel;
 use spinney_base::{Result, SetOperation};
 
 /// Tag of the section.
 pub(crate) const FORMULA: [u8; 4] = *b"FORM";
-/// Most bytes of a formula.
+/// Maximum number of bytes of a formula.
 pub(crate) const MAX_FORMULA: u64 = 1 << 20;
 
-/// Most bytes of the formula of a model that becomes part of another one: with more, its name stands there instead.
+/// Maximum number of bytes of an operand's formula; a longer one is replaced by the operand's file
+/// name.
 const MAX_NESTED: usize = 1 << 12;
 
 impl ExactModel {
-    /// The formula that the model was made by, if it is told: in the end, of files.
+    /// Returns the formula that the model was computed by, if it has one. Its innermost operands
+    /// are files.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn formula(&self) -> Result<Option<String>> {
         let section = self.trailer.section(FORMULA);
         if section.length == 0 {
@@ -27,25 +29,25 @@ impl ExactModel {
     }
 }
 
-/// The formula of a model that was moved by the numbers of a map.
+/// Returns the formula of a model that was transformed by the coefficients of a map.
 pub(crate) fn moved_formula(numbers: &str, model: &ExactModel) -> Result<String> {
     Ok(format!("(map {numbers} {})", operand(model)?))
 }
 
-/// The operand that a model is in the formula of another one: its own formula, or its name.
+/// Returns a model as operand in another formula: its own formula, or its name.
 fn operand(model: &ExactModel) -> Result<String> {
     let own = model.formula()?.filter(|own| own.len() <= MAX_NESTED);
     Ok(own.unwrap_or_else(|| serde_json::Value::from(model.path().display().to_string()).to_string()))
 }
 
-/// The formula of an operation, of the models that it was done to.
+/// Returns the formula of a set operation on models.
 pub(crate) fn formula(operation: SetOperation, models: &[&ExactModel]) -> Result<String> {
     let mut text = format!("(op{}", operation.index());
     for model in models {
         text.push(' ');
         text.push_str(&operand(model)?);
         if text.len() as u64 >= MAX_FORMULA - 1 {
-            // (Of so many models, a formula says nothing to anybody.)
+            // (A formula of this length is of no use.)
             return Ok(String::new());
         }
     }

@@ -1,5 +1,5 @@
-//! Parts of a model and what is said of them, in columns: a column for each member of the JSON objects that say it, and for each
-//! member of their attributes.
+//! Parts of a model and their attributes, stored in columns: one column per member of the JSON
+//! objects, and one per member of their `attributes`.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::OnceLock;
@@ -14,30 +14,31 @@ use crate::attributes::each_member;
 use spinney_base::sort;
 use spinney_base::{Progress, Result};
 
-/// Tag of the section that finds the pieces of the table of parts.
+/// Tag of the section with the chunk list of the parts table.
 pub(crate) const OBJECTS: [u8; 4] = *b"OBJE";
-/// Tag of that of the table of faces.
+/// Tag of the section with the chunk list of the faces table.
 pub(crate) const FACE_VALUES: [u8; 4] = *b"FVAL";
 
-/// Columns of the table of parts that have no names.
+/// Columns of the parts table without names. This one has the names of the parts.
 const NAMES: u32 = 0;
-/// Numbers of the parts in the order of their names.
+/// Numbers of the parts, sorted by name.
 const ORDER: u32 = 1;
-/// Lists of columns, in the order in which their members come; each part has the number of one.
+/// Lists of columns, in the order of an object's members; each part has the number of one list in
+/// `SHAPE`.
 const SHAPES: u32 = 3;
 const SHAPE: u32 = 4;
-/// What is said of a part whose members are in no columns.
+/// Attributes of a part whose members are not in columns.
 const WHOLE: u32 = 5;
-/// What is said of files.
+/// Metadata of source files.
 const FILES: u32 = 6;
 
-/// Most lists of columns.
+/// Maximum number of column lists.
 const MAX_SHAPES: usize = 4096;
 
-/// The member of objects whose own members have columns.
+/// The member whose own members have columns.
 const ATTRIBUTES: &str = "attributes";
 
-/// Writes a table of parts.
+/// Writes a parts table.
 #[derive(Default)]
 pub(crate) struct ObjectWriter {
     table: TableWriter,
@@ -48,7 +49,7 @@ pub(crate) struct ObjectWriter {
     files: u32,
 }
 
-/// Names of columns, as JSON lists of one or two texts, and their numbers.
+/// Names of columns, as JSON lists of one or two strings, and their numbers.
 #[derive(Default)]
 pub(crate) struct ColumnNames {
     numbers: HashMap<String, u32>,
@@ -56,7 +57,7 @@ pub(crate) struct ColumnNames {
 }
 
 impl ColumnNames {
-    /// The number of a column; `None` if there are too many.
+    /// Returns the number of a column, or `None` if there are too many columns.
     pub(crate) fn number(&mut self, name: &str) -> Option<u32> {
         if let Some(number) = self.numbers.get(name) {
             return Some(*number);
@@ -77,7 +78,7 @@ impl ColumnNames {
 }
 
 impl ObjectWriter {
-    /// Adds a part, with the JSON object that says something of it.
+    /// Adds a part, with its JSON object if it has attributes.
     pub(crate) fn part(
         &mut self,
         name: &str,
@@ -101,7 +102,8 @@ impl ObjectWriter {
         Ok(())
     }
 
-    /// Numbers of the columns of some members, and of the list of them; `None` if there are too many.
+    /// Returns the numbers of the members' columns, and of the list of these columns; `None` if
+    /// there are too many.
     fn shape<'a>(&mut self, members: Vec<(String, &'a str)>) -> Option<(u32, Vec<(u32, &'a str)>)> {
         let numbered = |(name, value): (String, &'a str)| Some((self.columns.number(&name)?, value));
         let values: Vec<(u32, &'a str)> = members.into_iter().map(numbered).collect::<Option<_>>()?;
@@ -113,13 +115,13 @@ impl ObjectWriter {
         Some((*self.shapes.entry(shape).or_insert(next as u32), values))
     }
 
-    /// Adds what is said of a file.
+    /// Adds the metadata of a source file.
     pub(crate) fn file(&mut self, text: &str, take: &mut PieceVisitor<'_>) -> Result<()> {
         self.files += 1;
         self.table.push(FILES, self.files - 1, text.as_bytes(), take)
     }
 
-    /// Hands out what is left; returns the number of parts.
+    /// Writes the remaining columns; returns the number of parts.
     pub(crate) fn finish(self, take: &mut PieceVisitor<'_>) -> Result<u64> {
         let ObjectWriter { mut table, names, has_attributes, columns, shapes, files } = self;
         if !has_attributes && files == 0 && (names.is_empty() || names == [ONLY_PART]) {
@@ -150,7 +152,8 @@ impl ObjectWriter {
 /// Name of the only part of a model without names.
 pub(super) const ONLY_PART: &str = "mesh";
 
-/// The members of a JSON object with the names of their columns, where joining them gives the same text again.
+/// Splits a JSON object into its members with their column names. Returns `None` if joining them
+/// would not restore the same string.
 fn split(text: &str, with_attributes: bool) -> Option<Vec<(String, &str)>> {
     let key = |key: &str| serde_json::Value::from(key).to_string();
     let mut members = Vec::new();
@@ -175,7 +178,7 @@ fn split(text: &str, with_attributes: bool) -> Option<Vec<(String, &str)>> {
     is_same.then_some(members)
 }
 
-/// The name of a column: JSON texts, as they stand in objects.
+/// The name of a column: JSON strings, as in the objects.
 #[derive(Debug)]
 struct ColumnName {
     member: String,
@@ -192,7 +195,8 @@ impl ColumnName {
     }
 }
 
-/// The JSON object of some members: those with two names are in one object as long as the first one is the same.
+/// Joins members to a JSON object: consecutive members with two names and the same first name are
+/// in one nested object.
 fn join<'a>(members: impl Iterator<Item = (&'a ColumnName, &'a str)>) -> String {
     let mut text = String::from("{");
     let mut open: Option<&str> = None;
@@ -217,18 +221,18 @@ fn join<'a>(members: impl Iterator<Item = (&'a ColumnName, &'a str)>) -> String 
     text
 }
 
-/// Names of columns, and lists of these, of a table of parts.
+/// Column names and column lists of a parts table.
 #[derive(Debug)]
 pub(super) struct Schema {
     columns: Vec<ColumnName>,
     shapes: Vec<Vec<u32>>,
 }
 
-/// A place for a schema, which is read when it is needed first.
+/// A schema that is read on first use.
 pub(super) type SchemaCell = OnceLock<Schema>;
 
 impl ExactModel {
-    /// The names of all parts.
+    /// Reads the names of all parts.
     pub(super) fn read_parts(&self) -> Result<Vec<String>> {
         if self.objects.len() == 0 && self.summary.parts == 1 {
             return Ok(vec![ONLY_PART.into()]);
@@ -259,7 +263,7 @@ impl ExactModel {
             let mut taken = HashSet::new();
             while !bytes.is_empty() {
                 let column = take_number(&mut bytes).filter(|column| (*column as usize) < columns.len());
-                // (Each once, so that no object is longer than the file.)
+                // (Each column once, so that no object is longer than the file.)
                 let column = column.filter(|column| taken.insert(*column));
                 shape.push(column.ok_or_else(|| self.wrong_objects("a list of columns that are not there"))?);
             }
@@ -272,7 +276,7 @@ impl ExactModel {
         Ok(self.schema.get_or_init(|| Schema { columns, shapes }))
     }
 
-    /// The JSON object that says something of a part.
+    /// Reads the JSON object of a part.
     pub(super) fn read_part_attributes(&self, part: u32) -> Result<Option<String>> {
         let Some(shape) = self.value(&self.objects, SHAPE, part)? else {
             let whole = self.value(&self.objects, WHOLE, part)?;
@@ -293,7 +297,7 @@ impl ExactModel {
         Ok(Some(join(names.zip(values.iter().map(String::as_str)))))
     }
 
-    /// Number of parts of which something is said.
+    /// Returns the number of parts with attributes.
     pub(super) fn count_parts_with_attributes(&self) -> Result<u64> {
         let mut count = 0;
         for column in [SHAPE, WHOLE] {
@@ -305,15 +309,15 @@ impl ExactModel {
         Ok(count)
     }
 
-    /// What is said of files.
+    /// Reads the metadata of the source files.
     pub(super) fn read_file_attributes(&self) -> Result<Vec<String>> {
         self.list_of_texts(&self.objects, FILES, u64::from(u32::MAX))
     }
 
-    /// The number of the first part with a name.
+    /// Returns the number of the first part with a name.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn part_number(&self, name: &str) -> Result<Option<u32>> {
         if self.objects.len() == 0 {
             return Ok((name == ONLY_PART).then_some(0));
@@ -334,7 +338,7 @@ impl ExactModel {
         Ok((self.parts[part as usize] == name).then_some(part))
     }
 
-    /// The part at a place in the order of the names.
+    /// Returns the part at an index in the order of the names.
     fn part_in_order(&self, place: u32) -> Result<u32> {
         let value = self.value(&self.objects, ORDER, place)?;
         let part = value.and_then(|value| Some(u32::from_le_bytes(value.try_into().ok()?)));
@@ -342,19 +346,19 @@ impl ExactModel {
         part.ok_or_else(|| self.wrong_objects(format!("no part at place {place} of their order")))
     }
 
-    /// Names of the columns of what is said of parts: those of members of JSON objects, and, of their attributes, `attributes`
-    /// and the names of the members of these.
+    /// Returns the names of the columns of part attributes. A column of a JSON member has its name;
+    /// a column of a member of `attributes` has two names, `attributes` and the member's.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn part_columns(&self) -> Result<Vec<Vec<String>>> {
         self.column_names(&self.objects)
     }
 
-    /// Names of the columns of values of faces.
+    /// Returns the names of the columns of face values.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn face_columns(&self) -> Result<Vec<Vec<String>>> {
         self.column_names(&self.face_values)
     }
@@ -367,19 +371,20 @@ impl ExactModel {
         names.iter().map(decoded).collect()
     }
 
-    /// Hands out the values of a column of those of [`ExactModel::part_columns`], JSON texts, by ascending numbers of parts. Objects that fit
-    /// into no columns have none.
+    /// Visits the values of a column of [`ExactModel::part_columns`], in JSON, by ascending part
+    /// numbers. Objects that are not stored in columns have no values.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn each_part_value(&self, column: u32, each: &mut dyn FnMut(u32, &str) -> Result<()>) -> Result<()> {
         self.each_named_value(&self.objects, column, each)
     }
 
-    /// Hands out the values of a column of those of [`ExactModel::face_columns`], JSON texts, by ascending numbers of faces.
+    /// Visits the values of a column of [`ExactModel::face_columns`], in JSON, by ascending face
+    /// numbers.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn each_face_value(&self, column: u32, each: &mut dyn FnMut(u32, &str) -> Result<()>) -> Result<()> {
         self.each_named_value(&self.face_values, column, each)
     }
@@ -396,16 +401,16 @@ impl ExactModel {
         })
     }
 
-    /// The value of a face in a column, a JSON text.
+    /// Returns the value of a face in a column, in JSON.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn face_value(&self, column: u32, face: u32) -> Result<Option<String>> {
         let value = self.value(&self.face_values, FIRST_NAMED.saturating_add(column), face)?;
         value.map(|value| self.text(&self.face_values, value)).transpose()
     }
 
-    /// Fails if anything is wrong with the tables beyond single pieces, or on interruption.
+    /// Checks the tables beyond single chunks; fails if they are invalid, or on cancellation.
     pub(super) fn check_tables(&self, progress: &dyn Progress) -> Result<()> {
         let look = |row: u32| if row.is_multiple_of(1 << 12) { progress.check() } else { Ok(()) };
         let json = |text: &str, place: &dyn Fn() -> String| match serde_json::from_str::<&RawValue>(text) {
@@ -437,7 +442,7 @@ impl ExactModel {
         for text in self.read_file_attributes()? {
             each_member(&text, |_, _| ()).map_err(|_| self.wrong_objects("a file with no JSON object"))?;
         }
-        // By ascending names, and of the same by ascending numbers, all are there.
+        // Strictly ascending pairs of name and number: every part occurs exactly once.
         let mut before: Option<(&str, u32)> = None;
         for place in 0..if self.objects.len() == 0 { 0 } else { self.parts.len() as u32 } {
             look(place)?;
@@ -471,7 +476,7 @@ mod tests {
             ),
             ("{\"attributes\":{}}", Some("[\"attributes\"]{};")),
             ("{\"attributes\":7,\"z\":0}", Some("[\"attributes\"]7;[\"z\"]0;")),
-            // Keys that are written in another way, or twice: attributes stay together.
+            // Keys with another spelling, or duplicate keys: attributes stay in one column.
             ("{\"attributes\":{\"\\u0061\":1}}", Some("[\"attributes\"]{\"\\u0061\":1};")),
             ("{\"attributes\":{\"a\":1,\"a\":2}}", Some("[\"attributes\"]{\"a\":1,\"a\":2};")),
             ("{\"\\u0061\":1}", None),

@@ -1,4 +1,4 @@
-//! Opening a file: header, trailer, metadata, and where the lists are.
+//! Opening of model files: header, trailer, metadata and chunk lists.
 
 use std::path::Path;
 
@@ -12,15 +12,15 @@ use spinney_base::io::{FileAccess, ReadBackend};
 use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_container::OpenOptions;
-/// Tag of the section of instances of templates, which is kept for later.
+/// Tag of the section of template instances, which is reserved.
 const INSTANCES: [u8; 4] = *b"INST";
 
 use spinney_container::{Content, FileHeader, HEADER_SIZE, Metadata, Section, TAIL, Trailer};
 
-/// Whether a file is an exact model, whatever its name.
+/// Returns whether a file is an exact model, whatever its name.
 ///
 /// # Errors
-/// If the file system or the host of the file fails: see [`FileHeader::find`].
+/// If the file system or the file's host fails: see [`FileHeader::find`].
 pub fn is_model_file(path: &Path, access: &FileAccess) -> Result<bool> {
     Ok(FileHeader::find(path, access)?.is_some_and(|header| header.content == Content::Model))
 }
@@ -44,30 +44,30 @@ impl ExactModel {
     /// ```
     ///
     /// # Errors
-    /// If it cannot be read, is no exact model, or is damaged.
+    /// If it cannot be read, is not an exact model, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<ExactModel> {
         ExactModel::from_backend(path, options.open(path)?, options)
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory.
     ///
     /// # Errors
-    /// Those of [`ExactModel::open`].
+    /// As [`ExactModel::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<ExactModel> {
         ExactModel::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
 
-    /// Opens whatever a backend reads; `path` is for messages.
+    /// Opens a file of any backend; `path` is for messages.
     ///
     /// # Errors
-    /// Those of [`ExactModel::open`].
+    /// As [`ExactModel::open`].
     pub fn from_backend(
         path: &Path,
         backend: Box<dyn ReadBackend>,
         options: &OpenOptions,
     ) -> Result<ExactModel> {
         let backend = options.access.cached(backend);
-        // Before anything is read.
+        // The version must be read before anything else.
         let version = backend.version()?;
         let depth = model_depth(path, &*backend)?;
         let length = backend.len();
@@ -112,7 +112,8 @@ impl ExactModel {
         let exact = pieces(List::Exact, trailer.section(EXACT), Some(summary.exact_faces > 0))?;
         let objects = pieces(List::Objects, trailer.section(OBJECTS), None)?;
         let face_values = pieces(List::FaceValues, trailer.section(FACE_VALUES), None)?;
-        // Pieces that are stored once each: the work of going through all of them goes with the file's size.
+        // Chunks must not overlap in total, so that the time to read all of them is limited by the
+        // file's size.
         let mut bytes = 0u64;
         for list in [&segments, &blocks, &exact, &objects, &face_values] {
             bytes = bytes.saturating_add(list.check(path, &*backend)?);
@@ -151,7 +152,7 @@ impl ExactModel {
     }
 }
 
-/// Reads and checks the header of an exact model; returns the levels of its octree.
+/// Reads and checks the header of an exact model; returns the depth of its octree.
 fn model_depth(path: &Path, file: &dyn ReadBackend) -> Result<u8> {
     let header = FileHeader::read(path, file)?;
     match (header.content, header.dimension) {

@@ -1,5 +1,5 @@
-//! Pieces of a file that a list finds: each is checked when it is used first, and comes from wherever the file's
-//! bytes are.
+//! Chunks of a file (blocks, segments and table chunks) and the lists that locate them. Chunks are
+//! checked on first use, and may be read from any backend.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,7 +11,7 @@ use spinney_base::{Error, Result};
 use spinney_container::{Codec, OpenOptions};
 use spinney_packing::PLAIN_BITS;
 
-/// The lists of a file, in the order in which they stand there.
+/// The lists of a file, in file order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum List {
     Faces,
@@ -25,7 +25,7 @@ impl List {
     pub(crate) const ALL: [List; 5] =
         [List::Faces, List::Segments, List::Exact, List::Objects, List::FaceValues];
 
-    /// Name of a piece, for messages.
+    /// Returns the name of a chunk, for messages.
     pub(crate) fn piece(self) -> &'static str {
         match self {
             List::Faces => "block of faces",
@@ -37,7 +37,7 @@ impl List {
     }
 }
 
-/// An entry of the list: what the piece is found by, and where it is.
+/// A list entry: key and location of a chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Entry {
     /// A segment's FD code, or the number of a block's first face; ascending.
@@ -67,30 +67,30 @@ impl Entry {
     }
 }
 
-/// The pieces of one list.
+/// The chunks of one list.
 pub(crate) struct Pieces {
     kind: List,
     list: ListBytes,
     len: usize,
-    /// Where pieces must end.
+    /// Limit of the chunks' ends.
     end: u64,
-    /// One bit per piece that was found to be good.
+    /// One bit per chunk that was checked.
     checked: Vec<AtomicU64>,
-    /// Whether checksums are looked at.
+    /// Whether checksums are verified.
     check: bool,
-    /// Those that were unpacked, if some may be packed.
+    /// Cache of unpacked chunks, if chunks may be packed.
     unpacked: Option<Unpacked>,
 }
 
-/// Where the bytes of a list are.
+/// Location of a list's bytes.
 enum ListBytes {
-    /// In the mapped file, from this byte on.
+    /// In the mapped file, from this offset on.
     Mapped(usize),
     Held(Vec<u8>),
 }
 
 impl Pieces {
-    /// The pieces of a list that begins at a byte of a mapped file, or whose bytes are given.
+    /// Creates the chunks of a list at an offset of a mapped file, or of a list in memory (`held`).
     pub(crate) fn new(
         kind: List,
         codec: Codec,
@@ -106,7 +106,7 @@ impl Pieces {
         Pieces { kind, list, len, end, checked, check: options.check, unpacked }
     }
 
-    /// Name of a piece, for messages.
+    /// Returns the name of a chunk, for messages.
     pub(crate) fn name(&self) -> &'static str {
         self.kind.piece()
     }
@@ -115,7 +115,7 @@ impl Pieces {
         self.len
     }
 
-    /// Checks that keys ascend; returns the bytes of all pieces together.
+    /// Checks that keys ascend; returns the total bytes of the chunks.
     pub(crate) fn check(&self, path: &Path, backend: &dyn ReadBackend) -> Result<u64> {
         let (mut before, mut bytes) = (None, 0u64);
         for index in 0..self.len {
@@ -125,7 +125,7 @@ impl Pieces {
                 return Err(Error::corrupt(path, place, format!("key {key:x}"), "keys that ascend"));
             }
             before = Some(key);
-            // (Fewer than 2^61 entries of less than 2^32 each, of which all are in a file.)
+            // (The sum of less than 2^61 entries of less than 2^32 bytes each may exceed 64 bits.)
             bytes = bytes.saturating_add(length.into());
         }
         Ok(bytes)
@@ -138,15 +138,15 @@ impl Pieces {
         }
     }
 
-    /// An entry, of which there must be one with that index.
+    /// Returns the entry with an index, which must exist.
     #[inline]
     pub(crate) fn entry(&self, backend: &dyn ReadBackend, index: usize) -> Entry {
-        // (A mapped file that was cut short since gives zeros.)
+        // (A mapped file that was truncated in the meantime yields zeros.)
         let bytes = self.list(backend).get(index * ENTRY..(index + 1) * ENTRY);
         bytes.map_or(Entry { key: 0, offset: 0, length: 0, checksum: 0 }, Entry::from_bytes)
     }
 
-    /// The index of the last entry whose key is at most `key`.
+    /// Returns the index of the last entry whose key is at most `key`.
     #[inline]
     pub(crate) fn find(&self, backend: &dyn ReadBackend, key: u64) -> Option<usize> {
         let (mut low, mut high) = (0, self.len);
@@ -166,7 +166,7 @@ impl Pieces {
         self.checked[index / 64].fetch_or(1 << (index % 64), Ordering::Relaxed);
     }
 
-    /// The bytes of a piece, unpacked; with the right checksum, if it was not used before.
+    /// Loads and unpacks a chunk; verifies its checksum on first use.
     #[inline]
     pub(crate) fn load<'f>(
         &self,
@@ -180,7 +180,7 @@ impl Pieces {
         }
     }
 
-    /// The bytes of a piece that may be packed.
+    /// Loads a chunk that may be packed.
     #[inline(never)]
     fn unpack<'f>(
         &self,
@@ -206,7 +206,7 @@ impl Pieces {
         Error::corrupt(path, format!("{} {index}", self.name()), found, expected)
     }
 
-    /// The bytes of a piece as they stand in the file; with the right checksum, if it was not used before.
+    /// Loads the stored bytes of a chunk; verifies their checksum on first use.
     #[inline]
     fn stored<'f>(&self, path: &Path, backend: &'f dyn ReadBackend, index: usize) -> Result<FileBytes<'f>> {
         let Entry { offset, length, checksum, .. } = self.entry(backend, index);

@@ -20,9 +20,10 @@ use spinney_container::{Codec, Metadata};
 use spinney_container::{HEADER_SIZE, Section, Tag, Trailer};
 use spinney_crs::Crs;
 
-/// A file of an exact model, open for reading; may be shared by any number of threads.
+/// A file of an exact model, open for reading; any number of threads may share it.
 ///
-/// Everything that is read is checked before it is used: a damaged file gives an error, never a crash.
+/// Everything that is read is checked before it is used: a corrupt file causes an error, never a
+/// crash.
 pub struct ExactModel {
     pub(super) path: PathBuf,
     pub(super) backend: Box<dyn ReadBackend>,
@@ -40,54 +41,55 @@ pub struct ExactModel {
 }
 
 impl ExactModel {
-    /// The file.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Frame, provenance and tags.
+    /// Returns frame, provenance and tags.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Levels of the octree.
+    /// Returns the depth of the octree.
     pub fn depth(&self) -> u8 {
         self.summary.grid.depth()
     }
 
-    /// The model with all of its faces on another grid of as many points.
+    /// Replaces the grid by another one with the same number of points; face coordinates are
+    /// unchanged.
     pub(crate) fn on_grid(mut self, grid: Grid) -> ExactModel {
         self.metadata.frame = grid.frame(self.metadata.frame.crs.take());
         self.summary.grid = grid;
         self
     }
 
-    /// The model under the name of the file that it is a copy of.
+    /// Replaces the path by that of the file that this one is a copy of.
     pub(crate) fn named(self, path: &Path) -> ExactModel {
         ExactModel { path: path.to_path_buf(), ..self }
     }
 
-    /// Numbers of nodes by their kinds.
+    /// Returns the number of nodes of each kind.
     pub fn nodes(&self) -> &NodeCounts {
         &self.summary.nodes
     }
 
-    /// Packing of what stands in the file: with [`Codec::Packed`] blocks, segments and tables may be packed.
+    /// Returns the file's codec: with [`Codec::Packed`], blocks, segments and tables may be packed.
     pub fn codec(&self) -> Codec {
         self.summary.codec
     }
 
-    /// Bytes of the whole file.
+    /// Returns the length of the file in bytes.
     pub fn file_size(&self) -> u64 {
         self.backend.len()
     }
 
-    /// Number of segments.
+    /// Returns the number of segments.
     pub fn segments(&self) -> usize {
         self.segments.len()
     }
 
-    /// Name and bytes of each part of the file.
+    /// Returns the name and length of each section of the file.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let lists = [
             ("list of faces", self.trailer.section(super::summary::FACES)),
@@ -109,7 +111,7 @@ impl ExactModel {
         all
     }
 
-    /// Makes sure that the file is what it was when it was opened.
+    /// Checks that the file was not changed since it was opened.
     ///
     /// # Errors
     /// If it was changed.
@@ -134,7 +136,7 @@ impl ExactModel {
         Error::corrupt(&self.path, place, found, expected)
     }
 
-    /// A block of faces.
+    /// Loads a block of faces.
     #[inline]
     pub(super) fn block(&self, index: usize) -> Result<Block<'_>> {
         let bytes = self.blocks.load(&self.path, &*self.backend, index)?;
@@ -154,7 +156,7 @@ impl ExactModel {
     /// Reads a face.
     ///
     /// # Errors
-    /// If there is none of that number, or the file is damaged or cannot be read.
+    /// If there is no such face, or the file is corrupt or cannot be read.
     #[inline]
     pub fn face(&self, number: u64, buffer: &mut FaceBuffer) -> Result<()> {
         let (block, place) = self.block_of(number)?;
@@ -162,7 +164,7 @@ impl ExactModel {
         Ok(())
     }
 
-    /// The block of a face, and the face's place in it.
+    /// Returns the block of a face, and the face's index in it.
     pub(crate) fn block_of(&self, number: u64) -> Result<(Block<'_>, usize)> {
         let found = self.blocks.find(&*self.backend, number).filter(|_| number < self.summary.faces);
         let Some(index) = found else {
@@ -180,10 +182,10 @@ impl ExactModel {
         Ok((block, place as usize))
     }
 
-    /// Whether corners of faces have colours.
+    /// Returns whether vertices of faces have colours.
     ///
     /// # Errors
-    /// If the file is damaged or cannot be read.
+    /// If the file is corrupt or cannot be read.
     pub fn is_coloured(&self) -> Result<bool> {
         let mut buffer = FaceBuffer::default();
         if self.is_empty() {
@@ -193,23 +195,23 @@ impl ExactModel {
         Ok(!buffer.colours.is_empty())
     }
 
-    /// Number of faces with corners beside the grid, of which operations are made, and of those that stand in for them where
-    /// the model is asked something.
+    /// Returns the number of faces with off-grid vertices, which set operations use, and the number
+    /// of their proxies, which queries use.
     pub fn exact_faces(&self) -> (u64, u64) {
         (self.summary.exact_faces, self.summary.stand_ins)
     }
 
-    /// Steps that faces lie at most beside those that they stand in for.
+    /// Returns the maximum distance between faces and their proxies, in grid units.
     pub(crate) fn reach(&self) -> u8 {
         self.summary.reach
     }
 
-    /// Whether there are faces with corners beside the grid.
+    /// Returns whether there are faces with off-grid vertices.
     pub(crate) fn is_beside_grid(&self) -> bool {
         self.summary.exact_faces > 0
     }
 
-    /// A block of faces with corners beside the grid.
+    /// Loads a block of faces with off-grid vertices.
     pub(super) fn exact_block(&self, index: usize) -> Result<ExactBlock<'_>> {
         let bytes = self.exact.load(&self.path, &*self.backend, index)?;
         let wrong = |found: String| self.wrong_exact_block(index, found);
@@ -227,7 +229,8 @@ impl ExactModel {
         self.corrupt(format!("block of exact faces {index}"), found, "a block as formats.md has it")
     }
 
-    /// Checks that a block with so many faces begins where the one before ends, and ends where the next begins.
+    /// Checks that a block of `faces` faces begins at the end of the previous one, and ends where
+    /// the next one begins.
     fn check_key(&self, list: &Pieces, index: usize, faces: usize, total: u64) -> Result<(), String> {
         let first = list.entry(&*self.backend, index).key;
         let next = match index + 1 {
@@ -240,7 +243,7 @@ impl ExactModel {
         }
     }
 
-    /// Reads all faces with corners beside the grid, in the order of their numbers, block by block.
+    /// Visits all faces with off-grid vertices, in the order of their numbers, block by block.
     pub(crate) fn each_exact(&self, each: &mut dyn FnMut(ExactFace) -> Result<()>) -> Result<()> {
         for index in 0..self.exact.len() {
             let block = self.exact_block(index)?;
@@ -251,7 +254,8 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Reads the blocks of the faces with corners beside the grid, each with the number of its first face, in order.
+    /// Visits the blocks of faces with off-grid vertices in order, each with the number of its
+    /// first face.
     pub(crate) fn each_exact_block(
         &self,
         each: &mut dyn FnMut(u64, &ExactBlock<'_>) -> Result<()>,
@@ -262,7 +266,8 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Reads what is quickly read of all faces with corners beside the grid, each with its number, in order.
+    /// Visits part, source and first vertex of all faces with off-grid vertices in order, each with
+    /// its number. Faster than reading the faces.
     pub(crate) fn each_exact_head(&self, each: &mut dyn FnMut(u32, ExactHead) -> Result<()>) -> Result<()> {
         let mut number = 0;
         for index in 0..self.exact.len() {
@@ -270,14 +275,14 @@ impl ExactModel {
             for place in 0..block.len() {
                 let head = block.head(place).map_err(|found| self.wrong_exact_block(index, found))?;
                 each(number, head)?;
-                // (Files have fewer than 2^32.)
+                // (Files have less than 2^32 faces.)
                 number += 1;
             }
         }
         Ok(())
     }
 
-    /// Reads a face with corners beside the grid.
+    /// Reads a face with off-grid vertices.
     pub(crate) fn exact_face(&self, number: u32) -> Result<ExactFace> {
         let missing = || self.corrupt("list of exact faces".into(), format!("no face {number}"), "all faces");
         let index = self.exact.find(&*self.backend, number.into()).ok_or_else(missing)?;
@@ -289,7 +294,8 @@ impl ExactModel {
         block.face(place as usize).map_err(|found| self.wrong_exact_block(index, found))
     }
 
-    /// Reads all faces of the octree in the order of their numbers, and says of each whether it stands in for others.
+    /// Visits all faces of the octree in the order of their numbers, each with whether it is a
+    /// proxy.
     pub(crate) fn each_face(&self, each: &mut dyn FnMut(&Face<'_>, bool) -> Result<()>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
         for index in 0..self.blocks.len() {
@@ -302,7 +308,7 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Reads the faces that stand in for others.
+    /// Visits the proxies.
     pub(crate) fn each_stand_in(&self, each: &mut dyn FnMut(&Face<'_>) -> Result<()>) -> Result<()> {
         let mut buffer = FaceBuffer::default();
         for index in 0..self.blocks.len() {
@@ -317,12 +323,12 @@ impl ExactModel {
         Ok(())
     }
 
-    /// The winding number of the surface around what is far away: 0 or 1.
+    /// Returns the winding number of the surface at infinity: 0 or 1.
     pub(crate) fn far_winding(&self) -> i32 {
         self.summary.is_unbounded.into()
     }
 
-    /// A segment.
+    /// Loads a segment.
     #[inline]
     pub(super) fn segment(&self, index: usize) -> Result<ModelSegment<'_>> {
         let bytes = self.segments.load(&self.path, &*self.backend, index)?;
@@ -347,7 +353,7 @@ impl ExactModel {
         Ok(segment)
     }
 
-    /// The segment of a node that owns one.
+    /// Loads the segment of a node that has one.
     pub(crate) fn segment_of(&self, code: Code) -> Result<ModelSegment<'_>> {
         let index = self.segments.find(&*self.backend, code.bits());
         let index = index.filter(|index| self.segments.entry(&*self.backend, *index).key == code.bits());
@@ -356,19 +362,19 @@ impl ExactModel {
         self.segment(index.ok_or_else(missing)?)
     }
 
-    /// The root.
+    /// Returns the root.
     ///
     /// # Errors
-    /// If its segment is damaged or cannot be read.
+    /// If its segment is corrupt or cannot be read.
     pub fn root(&self) -> Result<ModelNode<'_>> {
         let segment = self.segment_of(Code::root(Dimension::Oct))?;
         Ok(ModelNode { level: 0, position: [0; 3], word: segment.word(0), segment, begins_segment: true })
     }
 
-    /// The children of an inner node, in Z order; nothing of other nodes.
+    /// Returns the children of an inner node, in Z-order, or `None` for other nodes.
     ///
     /// # Errors
-    /// If a segment is damaged or cannot be read.
+    /// If a segment is corrupt or cannot be read.
     pub fn children<'a>(&'a self, node: &ModelNode<'a>) -> Result<Option<[ModelNode<'a>; 8]>> {
         if node.word & 7 != INNER {
             return Ok(None);
@@ -384,10 +390,10 @@ impl ExactModel {
         failed.map_or(Ok(Some(children)), Err)
     }
 
-    /// One child of an inner node.
+    /// Returns one child of an inner node.
     ///
     /// # Errors
-    /// If a segment is damaged or cannot be read.
+    /// If a segment is corrupt or cannot be read.
     #[inline]
     pub fn child<'a>(&'a self, node: &ModelNode<'a>, child: usize) -> Result<ModelNode<'a>> {
         debug_assert!(node.word & 7 == INNER);
@@ -409,14 +415,14 @@ impl ExactModel {
         Ok(ModelNode { level, position, word: segment.word(0), segment, begins_segment: true })
     }
 
-    /// The node without children in which a point of the grid lies, given in units of `2^-bits` of the grid's:
-    /// cells own what is on their lower walls. `None` outside of the model's space.
+    /// Returns the node without children that contains a point, in units of `2^-bits` of the
+    /// grid's. Cells include their lower walls. Returns `None` outside of the model's space.
     ///
     /// # Errors
-    /// If a segment is damaged or cannot be read.
+    /// If a segment is corrupt or cannot be read.
     #[inline]
     pub(crate) fn leaf_at(&self, at: [i64; 3], bits: u32) -> Result<Option<ModelNode<'_>>> {
-        // The space begins half a unit before the first points.
+        // The space begins half a grid unit before the first points.
         let half = (1i64 << bits) / 2;
         let side = 1i64 << (u32::from(self.summary.grid.bits) + bits);
         let from_wall = at.map(|at| at + half);
@@ -440,7 +446,7 @@ pub struct ModelNode<'a> {
     position: [u32; 3],
     word: u32,
     segment: ModelSegment<'a>,
-    /// Whether it is the node that its segment belongs to.
+    /// Whether it is the root of its segment.
     begins_segment: bool,
 }
 
@@ -449,42 +455,42 @@ pub struct ModelNode<'a> {
 pub enum ModelNodeState {
     /// Outside of the body.
     Void,
-    /// Inside.
+    /// Inside of the body.
     Full,
     /// Divided: see [`ExactModel::children`].
     Inner,
     /// Cut by faces: see [`ModelNode::faces`].
     Leaf {
-        /// Kind of the cell: how much their planes have in common.
+        /// Kind of the cell: what the planes of its faces share.
         kind: NodeKind,
-        /// How they tell what is inside.
+        /// How the planes define the inside.
         rule: LeafRule,
-        /// Whether the cell's least corner is inside: moved a little along x, much less along y and still less
-        /// along z, where it lies on a face.
+        /// Whether the cell's minimum corner is inside. A corner on a face is perturbed along x,
+        /// much less along y, and still less along z.
         inside: bool,
     },
 }
 
 impl ModelNode<'_> {
-    /// Levels between the root and the node.
+    /// Returns the node's level: the root is 0.
     pub fn level(&self) -> u8 {
         self.level
     }
 
-    /// The node's coordinates among the nodes of its level.
+    /// Returns the node's coordinates among the nodes of its level.
     pub fn position(&self) -> [u32; 3] {
         self.position
     }
 
-    /// The node's cell from its least to its greatest coordinates, in half units of the grid: walls lie at odd
-    /// multiples of half a unit, and so no point of the grid lies on one.
+    /// Returns the minimum and maximum coordinates of the node's cell, in half units of the grid.
+    /// Walls are at odd multiples of half a unit, so no grid point is on a wall.
     pub fn bounds(&self, grid: &Grid) -> [[i64; 3]; 2] {
         let width = 2i64 << (grid.bits - self.level);
         let low = self.position.map(|at| i64::from(at) * width - 1);
         [low, low.map(|low| low + width)]
     }
 
-    /// Least and greatest coordinates of the node's cell in the world.
+    /// Returns the minimum and maximum world coordinates of the node's cell.
     pub fn world_box(&self, grid: &Grid) -> [[f64; 3]; 2] {
         self.bounds(grid).map(|corner| grid.to_world_between(corner.map(|at| at as f64 / 2.0)))
     }
@@ -493,7 +499,7 @@ impl ModelNode<'_> {
         self.begins_segment
     }
 
-    /// The state of the node.
+    /// Returns the state of the node.
     #[inline]
     pub fn state(&self) -> ModelNodeState {
         match self.word & 7 {
@@ -507,8 +513,8 @@ impl ModelNode<'_> {
         }
     }
 
-    /// The winding number of the whole surface all over the cell, if no face cuts it, and none with corners beside the grid is
-    /// near it.
+    /// Returns the winding number of the exact surface in the whole cell, if no face cuts it and no
+    /// face with off-grid vertices is near it.
     pub(crate) fn winding(&self) -> Option<i32> {
         match self.word & 7 {
             VOID => Some(0),
@@ -517,15 +523,16 @@ impl ModelNode<'_> {
         }
     }
 
-    /// Numbers of the faces that cut a leaf's cell, ascending in no order that means anything; nothing of other
-    /// nodes.
+    /// Returns the numbers of the faces that cut a leaf's cell, in an order without meaning; empty
+    /// for other nodes.
     #[inline]
     pub fn faces(&self) -> impl Iterator<Item = u64> {
         let list = (self.word & 7 == LEAF).then(|| self.segment.leaf(self.word).1);
         list.into_iter().flatten()
     }
 
-    /// Numbers of the faces with corners beside the grid that are near the cell of a node without children.
+    /// Returns the numbers of faces with off-grid vertices near the cell of a node without
+    /// children.
     pub(crate) fn near(&self) -> Vec<u32> {
         self.segment.near(self.word)
     }
@@ -553,7 +560,7 @@ impl Faces for ExactModel {
     }
 
     fn value_columns(&self) -> Result<Vec<String>> {
-        // (Lists of one name.)
+        // (These have one name each.)
         Ok(self.face_columns()?.into_iter().filter_map(|names| names.into_iter().next()).collect())
     }
 
@@ -588,7 +595,7 @@ impl Faces for ExactModel {
         let mut values = vec![None; columns.len()];
         self.each(&mut |face| {
             for (value, number) in values.iter_mut().zip(&numbers) {
-                // (Models have fewer than 2^32 faces, and columns.)
+                // (Models have less than 2^32 faces and columns.)
                 *value = match number {
                     Some(number) => self.face_value(*number as u32, face.number as u32)?,
                     None => None,

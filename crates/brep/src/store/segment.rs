@@ -1,50 +1,53 @@
-//! Segments of a model's octree: nodes, and which faces cut the leaves.
+//! Segments of a model's octree: nodes, and the faces that cut the leaves.
 
 use spinney_base::io::FileBytes;
 use spinney_base::sort;
 
-/// States of a node, the low three bits of its word.
+/// States of a node: the low three bits of its word.
 pub(crate) const VOID: u32 = 0;
 pub(crate) const FULL: u32 = 1;
-/// The word's upper bits say where the words of the eight children begin.
+/// The word's upper bits are the index of the eight children's words.
 pub(crate) const INNER: u32 = 2;
-/// In a segment of its own.
+/// In another segment.
 pub(crate) const CUT: u32 = 3;
-/// The word's upper bits say where the leaf begins among the bytes of leaves.
+/// The word's upper bits are the leaf's offset in the bytes of leaves.
 pub(crate) const LEAF: u32 = 4;
-/// VOID and FULL, near faces with corners beside the grid; the word's upper bits say where the list of these begins
-/// among the bytes of leaves.
+/// VOID and FULL cells near faces with off-grid vertices; the word's upper bits are the offset of
+/// the list of these faces in the bytes of leaves.
 pub(crate) const NEAR_VOID: u32 = 5;
 pub(crate) const NEAR_FULL: u32 = 6;
 
-/// Bytes of a segment before its lists.
+/// Bytes of a segment's header.
 pub(super) const HEAD: usize = 16;
 
-/// Bit of a leaf's first byte: a list of faces with corners beside the grid follows its faces.
+/// Bit of a leaf's first byte: a list of near faces with off-grid vertices follows the list of its
+/// faces.
 pub(super) const NEAR: u8 = 32;
 
-/// Kind of a cell that faces cut, by what their planes have in common. It need not lie in the cell, and may be
-/// infinitely far away.
+/// Kind of a cell that faces cut, by what their planes share. The shared line or point may be
+/// outside of the cell, or at infinity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum NodeKind {
-    /// All faces lie in one plane.
+    /// All faces are in one plane.
     Face,
-    /// All planes have a line in common: two planes, or more around an edge.
+    /// All planes share a line: two planes, or more around an edge.
     Edge,
-    /// All planes have a point in common: three, or more around a vertex.
+    /// All planes share a point: three, or more around a vertex.
     Vertex,
-    /// They have nothing in common; the cell has few faces, or is of the deepest level.
+    /// The planes share nothing; the cell has few faces, is at the deepest level, or division would
+    /// not separate its faces.
     Boolean,
 }
 
-/// Expression by which the planes of a cell tell what is inside the body.
+/// Expression of the planes of a cell that defines the inside of the body.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum LeafRule {
-    /// Inside is what is behind all of the planes: their intersection.
+    /// The inside is the intersection of the half-spaces on the inner side of all planes.
     All,
-    /// Inside is what is behind any of the planes: their union.
+    /// The inside is the union of the half-spaces on the inner side of any plane.
     Any,
-    /// Each face that is crossed on the way from the cell's least corner changes between inside and outside.
+    /// Each face that is crossed on a path from the cell's minimum corner switches between inside
+    /// and outside.
     Crossings,
 }
 
@@ -53,8 +56,8 @@ pub enum LeafRule {
 pub(crate) struct LeafHead {
     pub kind: NodeKind,
     pub rule: LeafRule,
-    /// Whether the cell's least corner is inside, moved a little along x, much less along y, and still less along
-    /// z.
+    /// Whether the cell's minimum corner is inside, perturbed along x, much less along y, and still
+    /// less along z.
     pub inside: bool,
 }
 
@@ -71,7 +74,7 @@ impl LeafHead {
     }
 }
 
-/// Appends a number in groups of seven bits, the low ones first.
+/// Appends a number in groups of seven bits, the low ones first (LEB128).
 pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
     while number >= 0x80 {
         bytes.push(number as u8 | 0x80);
@@ -80,7 +83,7 @@ pub(super) fn push_number(bytes: &mut Vec<u8>, mut number: u32) {
     bytes.push(number as u8);
 }
 
-/// Reads such a number, and moves on.
+/// Decodes such a number, and advances.
 #[inline]
 pub(super) fn take_number(bytes: &mut &[u8]) -> Option<u32> {
     let mut number = 0;
@@ -95,7 +98,7 @@ pub(super) fn take_number(bytes: &mut &[u8]) -> Option<u32> {
     None
 }
 
-/// Bytes of a segment from its faces, those with corners beside the grid, its words and its leaves.
+/// Encodes a segment from its faces, its faces with off-grid vertices, its words and its leaves.
 pub(crate) fn encode(faces: &[u32], exact: &[u32], words: &[u32], leaves: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(HEAD + 4 * (faces.len() + exact.len() + words.len()) + leaves.len());
     for count in [faces.len(), exact.len(), words.len(), leaves.len()] {
@@ -108,8 +111,8 @@ pub(crate) fn encode(faces: &[u32], exact: &[u32], words: &[u32], leaves: &[u8])
     bytes
 }
 
-/// Appends a leaf: its head as [`LeafHead::to_byte`] has it, the numbers of its faces in the segment, ascending, and those of
-/// the faces with corners beside the grid that are near its cell.
+/// Appends a leaf: its head in the encoding of [`LeafHead::to_byte`], the numbers of its faces
+/// within the segment, ascending, and those of near faces with off-grid vertices.
 pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32], near: &[u32]) {
     leaves.push(if near.is_empty() { head } else { head | NEAR });
     push_list(leaves, faces);
@@ -118,7 +121,7 @@ pub(crate) fn push_leaf(leaves: &mut Vec<u8>, head: u8, faces: &[u32], near: &[u
     }
 }
 
-/// Appends how many numbers there are, and these, ascending.
+/// Appends a count, and ascending numbers.
 pub(crate) fn push_list(leaves: &mut Vec<u8>, numbers: &[u32]) {
     push_number(leaves, numbers.len() as u32);
     let mut next = 0;
@@ -128,10 +131,10 @@ pub(crate) fn push_list(leaves: &mut Vec<u8>, numbers: &[u32]) {
     }
 }
 
-/// Reads such a list, and moves on; `None` if it breaks off.
+/// Decodes such a list, and advances; returns `None` if it is truncated.
 pub(crate) fn take_list(bytes: &mut &[u8]) -> Option<Vec<u32>> {
     let count = take_number(bytes)? as usize;
-    // (Each number takes a byte at least.)
+    // (Each number takes at least one byte.)
     let mut numbers = Vec::with_capacity(count.min(bytes.len()));
     let mut next = 0u32;
     for _ in 0..count {
@@ -142,7 +145,8 @@ pub(crate) fn take_list(bytes: &mut &[u8]) -> Option<Vec<u32>> {
     Some(numbers)
 }
 
-/// Reads such a list, of numbers below a bound, of which there is one at least, and moves on; what is wrong is told in words.
+/// Checks such a list and advances: it must not be empty, and numbers must be below `bound`. Errors
+/// describe the flaw.
 fn check_list(bytes: &mut &[u8], bound: usize) -> Result<(), String> {
     let breaks_off = || "a list of faces that breaks off".to_string();
     let count = take_number(bytes).ok_or_else(breaks_off)?;
@@ -170,7 +174,7 @@ pub(crate) struct ModelSegment<'a> {
 }
 
 impl<'a> ModelSegment<'a> {
-    /// A segment; `None` if its lists do not fit into its bytes.
+    /// Wraps a segment; returns `None` if its lists do not fit its bytes.
     pub(crate) fn new(bytes: FileBytes<'a>) -> Option<ModelSegment<'a>> {
         let count = |at: usize| {
             bytes
@@ -187,24 +191,24 @@ impl<'a> ModelSegment<'a> {
         self.bytes.get(at..at + 4).map_or(0, |four| u32::from_le_bytes(four.try_into().expect("four bytes")))
     }
 
-    /// The number in the model of a face, of which the segment has so many.
+    /// Returns the number in the model of the segment's face `local`.
     #[inline]
     pub(crate) fn face(&self, local: u32) -> u32 {
         self.number(HEAD + 4 * local as usize)
     }
 
-    /// The number in the model of a face with corners beside the grid, of which the segment has so many.
+    /// Returns the number in the model of the segment's face `local` with off-grid vertices.
     fn exact_face(&self, local: u32) -> u32 {
         self.number(HEAD + 4 * (self.faces + local as usize))
     }
 
-    /// The word of a node.
+    /// Returns the word of a node.
     #[inline]
     pub(crate) fn word(&self, at: u32) -> u32 {
         self.number(HEAD + 4 * (self.faces + self.exact + at as usize))
     }
 
-    /// The word of a child of an INNER node.
+    /// Returns the word of a child of an INNER node.
     #[inline]
     pub(crate) fn child(&self, word: u32, child: usize) -> u32 {
         self.word((word >> 3) + child as u32)
@@ -214,7 +218,8 @@ impl<'a> ModelSegment<'a> {
         self.bytes.get(HEAD + 4 * (self.faces + self.exact + self.words)..).unwrap_or_default()
     }
 
-    /// The head of a LEAF, and the numbers in the model of its faces. One that was checked is there.
+    /// Returns the head of a LEAF, and the numbers of its faces in the model. The leaf exists if
+    /// the segment was checked.
     #[inline]
     pub(crate) fn leaf(&self, word: u32) -> (LeafHead, LeafFaces<'_>) {
         let none = (LeafHead { kind: NodeKind::Boolean, rule: LeafRule::Crossings, inside: false }, 0);
@@ -227,7 +232,8 @@ impl<'a> ModelSegment<'a> {
         (head, LeafFaces { segment: self, bytes, left, next: 0 })
     }
 
-    /// The numbers in the model of faces with corners beside the grid that are near the cell of a node without children.
+    /// Returns the numbers in the model of faces with off-grid vertices near the cell of a node
+    /// without children.
     pub(crate) fn near(&self, word: u32) -> Vec<u32> {
         let mut bytes = self.leaves().get((word >> 3) as usize..).unwrap_or_default();
         let has_list = match word & 7 {
@@ -249,8 +255,9 @@ impl<'a> ModelSegment<'a> {
         numbers.collect()
     }
 
-    /// Checks all that a segment may not say, for a model with so many faces, on the grid and beside it, and calls `visit` for
-    /// each node with its level below the segment's own and its word. What is wrong is told in words.
+    /// Checks a segment of an untrusted file, for a model with these counts of faces and of faces
+    /// with off-grid vertices. Calls `visit` for each node with its level below the segment's root
+    /// and its word. Errors describe the flaw.
     pub(crate) fn check(
         &self,
         [faces, exact]: [u64; 2],
@@ -259,7 +266,7 @@ impl<'a> ModelSegment<'a> {
         if self.words == 0 {
             return Err("no nodes".into());
         }
-        // Each face once, so that no leaf has more to do than there are faces.
+        // Each face at most once, which limits the work per leaf by the face count.
         let on_grid = (0..self.faces as u32).map(|local| self.face(local)).collect();
         let beside = (0..self.exact as u32).map(|local| self.exact_face(local)).collect();
         let check = |mut numbers: Vec<u32>, name: &str, count: u64| {
@@ -274,7 +281,7 @@ impl<'a> ModelSegment<'a> {
         };
         check(on_grid, "face", faces)?;
         check(beside, "exact face", exact)?;
-        // Records stand in preorder, without gaps: each is reached once, and the walk has an end.
+        // Records are in preorder without gaps: each is visited once, and the traversal terminates.
         let mut next_record = 1;
         let mut next_leaf = 0;
         let mut path = vec![(self.word(0), 8u32, 0u32)];
@@ -343,7 +350,7 @@ impl<'a> ModelSegment<'a> {
     }
 }
 
-/// Numbers in the model of the faces of a leaf.
+/// Numbers of a leaf's faces in the model.
 #[derive(Clone)]
 pub(crate) struct LeafFaces<'s> {
     segment: &'s ModelSegment<'s>,

@@ -1,4 +1,4 @@
-//! The section that tells what a model is: its grid, and how many faces and nodes there are.
+//! The section that describes a model: its grid, and its face and node counts.
 
 use std::path::Path;
 
@@ -9,39 +9,39 @@ use spinney_container::Codec;
 
 /// Tag of the section.
 pub(crate) const SUMMARY: [u8; 4] = *b"BREP";
-/// Tag of the section that finds the segments of the octree.
+/// Tag of the section with the segment list of the octree.
 pub(crate) const DIRECTORY: [u8; 4] = *b"DIRE";
-/// Tag of the section with the metadata.
+/// Tag of the metadata section.
 pub(crate) const METADATA: [u8; 4] = *b"META";
-/// Tag of the section that finds the blocks of faces.
+/// Tag of the section with the list of face blocks.
 pub(crate) const FACES: [u8; 4] = *b"FACE";
 
-/// Numbers of nodes of a model's octree by their kinds.
+/// Node counts of a model's octree, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct NodeCounts {
     /// Cells outside of the body.
     pub void: u64,
-    /// Cells inside.
+    /// Cells inside of the body.
     pub full: u64,
-    /// Cells that are divided.
+    /// Divided cells.
     pub inner: u64,
-    /// Cells whose faces lie in one plane.
+    /// Cells whose faces are in one plane.
     pub face: u64,
-    /// Cells whose faces' planes have a line in common.
+    /// Cells whose faces' planes share a line.
     pub edge: u64,
-    /// Cells whose faces' planes have a point in common.
+    /// Cells whose faces' planes share a point.
     pub vertex: u64,
-    /// Cells of few faces, or of the deepest level, whose faces' planes have nothing in common.
+    /// Leaves whose faces' planes share nothing.
     pub boolean: u64,
 }
 
 impl NodeCounts {
-    /// All nodes.
+    /// Returns the number of all nodes.
     pub fn total(&self) -> u64 {
         self.named().into_iter().map(|(_, count)| count).sum()
     }
 
-    /// The counts with the nodes' names.
+    /// Returns the counts with the nodes' names.
     pub fn named(&self) -> [(&'static str, u64); 7] {
         let NodeCounts { void, full, inner, face, edge, vertex, boolean } = *self;
         [
@@ -65,7 +65,7 @@ impl NodeCounts {
         } += 1;
     }
 
-    /// Adds the counts of another part of the octree.
+    /// Adds the counts of another subtree.
     pub fn add(&mut self, other: &NodeCounts) {
         self.void += other.void;
         self.full += other.full;
@@ -81,16 +81,16 @@ impl NodeCounts {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Summary {
     pub grid: Grid,
-    /// Packed if pieces may be.
+    /// [`Codec::Packed`] if chunks may be packed.
     pub codec: Codec,
     pub faces: u64,
-    /// Whether what is far away belongs to the body.
+    /// Whether the body extends to infinity.
     pub is_unbounded: bool,
     pub nodes: NodeCounts,
-    /// Faces with corners beside the grid, and those that stand in for them.
+    /// Number of faces with off-grid vertices, and of their proxies.
     pub exact_faces: u64,
     pub stand_ins: u64,
-    /// Steps that the latter lie at most beside the former, one or more.
+    /// Maximum distance between the proxies and their faces in grid units, at least 1.
     pub reach: u8,
     /// Number of parts.
     pub parts: u64,

@@ -1,4 +1,5 @@
-//! Whether a model's faces are planar polygons that make a closed surface: what operations on bodies stand on, in one pass.
+//! Precondition of set operations, checked in one pass: a model's faces are planar polygons that
+//! form a closed surface.
 
 use super::block::FaceBuffer;
 use super::reader::ExactModel;
@@ -8,13 +9,14 @@ use spinney_base::parallel;
 use spinney_base::{Error, Progress, Result};
 
 impl ExactModel {
-    /// Makes sure that each face is a planar polygon, and that the surface is closed; of a model with corners beside the grid, the
-    /// exact surface, too.
+    /// Checks that each face is a planar polygon, and that the surface is closed. If there are
+    /// off-grid vertices, the exact surface is checked, too.
     ///
     /// # Errors
-    /// If a face is none, if the surface is not closed, if the file is damaged or cannot be read, or on interruption.
+    /// If a face is invalid, if the surface is not closed, if the file is corrupt or cannot be
+    /// read, or on cancellation.
     pub(crate) fn check_surface(&self, progress: &dyn Progress) -> Result<()> {
-        /// Blocks between two looks at whether to stop.
+        /// Number of blocks between cancellation checks.
         const BATCH: usize = 64;
         let seed = Seed::new();
         let mut closure = Closure::new(seed);
@@ -37,7 +39,7 @@ impl ExactModel {
         })
     }
 
-    /// The edges of a block of faces.
+    /// Returns the sum of a block's edges.
     fn closure_of_block(&self, index: usize, seed: Seed) -> Result<Closure> {
         let block = self.block(index)?;
         let mut closure = Closure::new(seed);
@@ -46,7 +48,7 @@ impl ExactModel {
         for place in 0..block.len() {
             block.read(place, &mut buffer);
             let face = buffer.face();
-            // (A triangle is always one.)
+            // (Three vertices are always planar.)
             if face.points.len() != 3
                 && let Err(FaceFlaw { found, expected }) = check.has_area(&face)
             {
@@ -57,7 +59,8 @@ impl ExactModel {
         Ok(closure)
     }
 
-    /// Whether the exact surface is closed: faces with corners beside the grid, and those that stand in for nothing.
+    /// Returns whether the exact surface is closed: faces with off-grid vertices, and those that
+    /// are not proxies.
     pub(super) fn is_exactly_closed(&self, seed: Seed, progress: &dyn Progress) -> Result<bool> {
         let mut closure = ExactClosure::new(seed);
         self.each_face(&mut |face, is_proxy| {

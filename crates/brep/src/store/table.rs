@@ -1,5 +1,5 @@
-//! Tables of values in columns, whose rows are the parts or the faces of a model: pieces of columns, which a list finds, so that
-//! one value is read without the others.
+//! Tables of values in columns, whose rows are the parts or the faces of a model. Columns are
+//! stored in chunks that a list locates, so that a single value can be read without the others.
 
 use std::collections::BTreeMap;
 
@@ -8,34 +8,34 @@ use super::reader::ExactModel;
 use spinney_base::Result;
 use spinney_base::io::FileBytes;
 
-/// Columns that other columns are known by: their names.
+/// The column with the names of the other columns.
 pub(super) const COLUMN_NAMES: u32 = 2;
 /// The first column that has a name.
 pub(crate) const FIRST_NAMED: u32 = 16;
-/// Most columns that have names.
+/// Maximum number of named columns.
 pub(crate) const MAX_NAMED: u32 = 4096;
 
-/// Most bytes of a value.
+/// Maximum number of bytes of a value.
 pub(crate) const MAX_BYTES: usize = 16 << 20;
 
-/// Bytes of a piece before its lists.
+/// Bytes of a chunk's header.
 const HEAD: usize = 8;
 const NUMBERS: u32 = 1;
 const WIDE: u32 = 2;
 
-/// What the list finds a piece by: the column, and the row of the first value.
+/// Returns the key of a chunk: the column, and the row of the first value.
 fn key(column: u32, row: u32) -> u64 {
     u64::from(column) << 32 | u64::from(row)
 }
 
-/// Takes a piece with its key.
+/// Receives a chunk with its key.
 pub(crate) type PieceVisitor<'a> = dyn FnMut(u64, &[u8]) -> Result<()> + 'a;
 
-/// Collects the values of a table, column by column, and hands out pieces.
+/// Collects the values of a table by column, and emits chunks.
 #[derive(Default)]
 pub(crate) struct TableWriter {
     open: BTreeMap<u32, OpenPiece>,
-    /// Bytes of all pieces that are not complete.
+    /// Bytes of all incomplete chunks.
     held: usize,
 }
 
@@ -47,7 +47,7 @@ struct OpenPiece {
 }
 
 impl OpenPiece {
-    /// Bytes that it has at most.
+    /// Returns the maximum number of bytes that it takes.
     fn size(&self) -> usize {
         HEAD + 6 * self.rows.len() + self.bytes.len()
     }
@@ -74,12 +74,12 @@ impl OpenPiece {
 }
 
 impl TableWriter {
-    /// Bytes of a piece of more than one value.
+    /// Maximum bytes of a chunk with more than one value.
     const PIECE: usize = 1 << 16;
-    /// Bytes of all pieces that are not complete. Not an option: files would depend on it.
+    /// Maximum bytes of all incomplete chunks. It is a constant, since files depend on it.
     const HELD: usize = 8 << 20;
 
-    /// Adds a value of at most [`MAX_BYTES`] to a column, whose rows come ascending.
+    /// Adds a value of at most [`MAX_BYTES`] bytes to a column; the rows of a column must ascend.
     pub(crate) fn push(
         &mut self,
         column: u32,
@@ -111,7 +111,7 @@ impl TableWriter {
         take(key(column, piece.rows[0]), &piece.to_bytes())
     }
 
-    /// Hands out what is left.
+    /// Emits the remaining chunks.
     pub(crate) fn finish(mut self, take: &mut PieceVisitor<'_>) -> Result<()> {
         while let Some(column) = self.open.keys().next().copied() {
             self.finish_piece(column, take)?;
@@ -120,7 +120,7 @@ impl TableWriter {
     }
 }
 
-/// A piece of a column.
+/// A chunk of a column.
 pub(super) struct Values<'a> {
     bytes: FileBytes<'a>,
     first: u32,
@@ -131,7 +131,8 @@ pub(super) struct Values<'a> {
 }
 
 impl<'a> Values<'a> {
-    /// A piece whose first value is that of a row; `None` if its lists do not fit into its bytes.
+    /// Wraps a chunk whose first value is that of row `first`; returns `None` if its lists do not
+    /// fit its bytes.
     fn new(bytes: FileBytes<'a>, first: u32) -> Option<Values<'a>> {
         let word = |at: usize| Some(u32::from_le_bytes(bytes.get(at..at + 4)?.try_into().ok()?));
         let (count, flags) = (word(0)? as usize, word(4)?);
@@ -141,7 +142,8 @@ impl<'a> Values<'a> {
         fits.then_some(Values { bytes, first, count, flags, ends, texts })
     }
 
-    /// Checks what a piece may not say; returns the row of its last value.
+    /// Checks a chunk of an untrusted file; returns the row of its last value. Errors describe the
+    /// flaw.
     fn check(&self) -> Result<u32, String> {
         let mut end = 0;
         for index in 0..self.count {
@@ -190,7 +192,7 @@ impl<'a> Values<'a> {
         self.bytes.get(self.texts + start..self.texts + self.end(index)).unwrap_or_default()
     }
 
-    /// The value of a row.
+    /// Returns the value of a row.
     fn of_row(&self, row: u32) -> Option<&[u8]> {
         let (mut low, mut high) = (0, self.count);
         while low < high {
@@ -202,7 +204,7 @@ impl<'a> Values<'a> {
 }
 
 impl ExactModel {
-    /// A piece of a table.
+    /// Loads a chunk of a table.
     pub(super) fn values(&self, table: &Pieces, index: usize) -> Result<Values<'_>> {
         let wrong = |found: String| {
             self.corrupt(format!("{} {index}", table.name()), found, "values as formats.md has them")
@@ -221,7 +223,7 @@ impl ExactModel {
         Ok(values)
     }
 
-    /// The value of a row in a column of a table.
+    /// Reads the value of a row in a column of a table.
     pub(super) fn value(&self, table: &Pieces, column: u32, row: u32) -> Result<Option<Vec<u8>>> {
         let found = table.find(&*self.backend, key(column, row));
         let found = found.filter(|index| table.entry(&*self.backend, *index).key >> 32 == u64::from(column));
@@ -229,7 +231,7 @@ impl ExactModel {
         Ok(self.values(table, index)?.of_row(row).map(<[u8]>::to_vec))
     }
 
-    /// Hands out all values of a column of a table, with their rows.
+    /// Visits all values of a column of a table, with their rows.
     pub(super) fn each_value(
         &self,
         table: &Pieces,
@@ -247,7 +249,8 @@ impl ExactModel {
         Ok(())
     }
 
-    /// Hands out all values of a column whose rows are numbered from 0 on without a gap, as texts; at most so many.
+    /// Reads all values of a column as strings; rows must be numbered from 0 without gaps, and
+    /// there may be at most `most`.
     pub(super) fn list_of_texts(&self, table: &Pieces, column: u32, most: u64) -> Result<Vec<String>> {
         let mut texts: Vec<String> = Vec::new();
         self.each_value(table, column, &mut |row, value| {
@@ -261,7 +264,7 @@ impl ExactModel {
         Ok(texts)
     }
 
-    /// A value that is a text.
+    /// Decodes a value that is a string.
     pub(super) fn text(&self, table: &Pieces, value: Vec<u8>) -> Result<String> {
         let wrong = |_| self.corrupt(table.name().into(), "a text that is none", "UTF-8");
         String::from_utf8(value).map_err(wrong)
@@ -272,7 +275,7 @@ impl ExactModel {
 mod tests {
     use super::*;
 
-    /// Values of several columns come back, whatever is missing, and however long they are.
+    /// Values of several columns are restored, whichever are missing, and whatever their lengths.
     #[test]
     fn values_come_back() {
         let mut writer = TableWriter::default();
@@ -313,7 +316,7 @@ mod tests {
         assert!(next.iter().all(|last| *last > 29_900), "{next:?}");
     }
 
-    /// No change of a byte does more harm than to be found, or to give other values.
+    /// A changed byte is either detected, or yields other valid values.
     #[test]
     fn damage_is_found_or_harmless() {
         let mut writer = TableWriter::default();

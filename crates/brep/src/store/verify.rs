@@ -1,5 +1,5 @@
-//! Checks of a whole file: its pieces, then each face, then that they make a closed surface, then that the octree is that of these
-//! faces, and in the end what the file says of itself.
+//! Verification of a whole file: its chunks, then each face, then whether they form a closed
+//! surface, then whether the octree matches the faces, and finally the summary.
 
 use std::collections::BTreeMap;
 
@@ -13,23 +13,24 @@ use spinney_base::io::Sorter;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Finding, Tag};
 
-/// Findings beyond these are not listed.
+/// Maximum number of findings.
 const MOST: usize = 100;
 
-/// An edge, the lesser end first.
+/// An edge, the smaller end first.
 type Edge = [[i32; 3]; 2];
 
 impl ExactModel {
-    /// Checks every checksum, every face and every node: that faces are planar polygons, that their surface is closed and
-    /// bounds a body, and that the octree is that of these faces. Takes about `memory` bytes, and temporary files where faces
-    /// have no room there; faces with corners beside the grid are held in any case.
+    /// Checks every checksum, every face and every node: faces must be planar polygons, their
+    /// surface must be closed and bound a solid, and the octree must match the faces. Takes about
+    /// `memory` bytes, and temporary files for faces that exceed them. Faces with off-grid vertices
+    /// are held in memory in any case.
     ///
-    /// Nothing can be said about nodes where there is no closed surface, nor about that where pieces of the file are damaged: what
-    /// comes first is to be mended first. At most some hundred findings are listed.
+    /// Nodes are only checked if the surface is closed, and the surface only if no chunk is
+    /// corrupt: repair the first findings first. At most 100 findings are listed.
     ///
     /// # Errors
-    /// If the file cannot be read, if the memory is not enough for the faces of one leaf, or on interruption. What is damaged is no
-    /// error but a finding.
+    /// If the file cannot be read, if the memory is not enough for the faces of one leaf, or on
+    /// cancellation. Corruption is not an error but a finding.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = self.verify_pieces(progress)?;
         if findings.is_empty() {
@@ -39,7 +40,7 @@ impl ExactModel {
         Ok(findings)
     }
 
-    /// What is wrong with lists, blocks, segments and sections, each by itself.
+    /// Returns the flaws of lists, blocks, segments and sections, each by itself.
     fn verify_pieces(&self, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let sections = [
@@ -93,7 +94,7 @@ impl ExactModel {
         Ok(findings)
     }
 
-    /// What is wrong with the faces and the octree of a file whose pieces are good.
+    /// Returns the flaws of the faces and the octree of a file whose chunks are valid.
     fn verify_surface(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         let seed = Seed::new();
@@ -143,10 +144,10 @@ impl ExactModel {
         Ok(findings)
     }
 
-    /// What the octree was found to be, against what the file says.
+    /// Compares the octree check's result with the summary.
     fn compare(&self, checked: Checked) -> Vec<Finding> {
         let Checked { mut findings, defects, counts, cut } = checked;
-        // (Where the surface is thinner than a step, faces that stand in for others may pass through each other.)
+        // (Where the surface is thinner than a grid unit, proxies may intersect.)
         let is_thin = self.is_beside_grid() && self.metadata.tag(Tag::ModelThinPlaces).is_some();
         if !is_thin {
             let of = |defect: &crate::Defect| Finding { place: "faces".into(), problem: defect.to_string() };
@@ -166,7 +167,7 @@ impl ExactModel {
         findings
     }
 
-    /// What is wrong with faces that have corners beside the grid. They are noted for the octree.
+    /// Returns the flaws of faces with off-grid vertices, and adds these faces to the octree check.
     fn verify_exact_faces(
         &self,
         seed: Seed,
@@ -199,7 +200,8 @@ impl ExactModel {
         Ok(findings)
     }
 
-    /// The edges that are not as often there in one direction as in the other: sorted beyond memory, since they may be any.
+    /// Returns the edges that do not occur equally often in both directions. Edges are sorted
+    /// externally, since their number is not limited by the memory.
     fn open_edges(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         /// Six coordinates, a direction and a face.
         const ITEM: usize = 6 * 4 + 1 + 4;
@@ -215,7 +217,7 @@ impl ExactModel {
                 edge.as_flattened().iter().for_each(|at| item.extend_from_slice(&at.to_le_bytes()));
                 item.push(is_forward.into());
                 item.extend_from_slice(&(face.number as u32).to_le_bytes());
-                // (Along x and then y: edges that are the same have the same key, and few others.)
+                // (Along x and then y: equal edges have equal keys, and few others share them.)
                 let key = u64::from(edge[0][0] as u32) << 38
                     ^ u64::from(edge[0][1] as u32) << 12
                     ^ u64::from(edge[0][2] as u32 & 0xfff);
@@ -224,7 +226,7 @@ impl ExactModel {
             Ok(())
         })?;
         let mut findings = Vec::new();
-        // Surpluses of the edges that begin near each other, with a face of each.
+        // Surpluses of edges that begin at the same point, with a face of each.
         let mut group: BTreeMap<Edge, (i64, u32)> = BTreeMap::new();
         let mut before = [0; 3];
         let mut tell = |group: &mut BTreeMap<Edge, (i64, u32)>| {

@@ -1,4 +1,5 @@
-//! Writes a file of an exact model: header, blocks of faces as they come, segments, lists, metadata, trailer.
+//! Writer of exact model files: header, blocks of faces in input order, segments, lists, metadata,
+//! trailer.
 
 use std::borrow::Cow;
 use std::io::Write;
@@ -22,7 +23,7 @@ use spinney_container::{
     Codec, Content, FileHeader, HEADER_SIZE, Section, SectionWriter, Trailer, TreeFormat, check_tree_name,
 };
 
-/// A file being written, append-only.
+/// A file that is being written, append-only.
 pub(crate) struct ModelWriter {
     out: Output,
     path: PathBuf,
@@ -35,7 +36,8 @@ pub(crate) struct ModelWriter {
 }
 
 impl ModelWriter {
-    /// Starts a file; about `memory` bytes hold entries of each list before they go to a temporary file.
+    /// Starts a file; about `memory` bytes hold entries of each list, and the others go to a
+    /// temporary file.
     pub(crate) fn new(out: Output, grid: &Grid, memory: u64) -> Result<ModelWriter> {
         let path = out.path().to_path_buf();
         check_tree_name(&path)?;
@@ -51,7 +53,7 @@ impl ModelWriter {
         &self.path
     }
 
-    /// Chooses how pieces are written, before there is any.
+    /// Sets the codec of chunks, before any is written.
     pub(crate) fn set_codec(&mut self, codec: Codec) {
         self.codec = codec;
     }
@@ -60,7 +62,7 @@ impl ModelWriter {
         self.codec
     }
 
-    /// Whether no face was added yet, and nothing was written but the header.
+    /// Returns whether no face was added yet, and only the header was written.
     pub(crate) fn is_empty(&self) -> bool {
         self.block.is_empty() && self.exact.is_empty() && self.position == HEADER_SIZE as u64
     }
@@ -71,7 +73,7 @@ impl ModelWriter {
         Ok(())
     }
 
-    /// Writes a piece that a list finds by a key.
+    /// Writes a chunk, and adds it to a list under a key.
     pub(crate) fn piece(&mut self, list: List, key: u64, plain: &[u8]) -> Result<()> {
         let bytes = match self.codec {
             Codec::Plain => Cow::Borrowed(plain),
@@ -92,7 +94,7 @@ impl ModelWriter {
         self.lists[list as usize].push(key, entry.to_bytes().to_vec())
     }
 
-    /// Adds a face, which may stand in for others that have corners beside the grid.
+    /// Adds a face, which may be a proxy for faces with off-grid vertices.
     pub(crate) fn face(&mut self, face: &Face<'_>, is_proxy: bool) -> Result<()> {
         self.block.push(face, is_proxy);
         if self.block.is_full() { self.finish_block() } else { Ok(()) }
@@ -113,7 +115,7 @@ impl ModelWriter {
         self.piece(List::Segments, code.bits(), bytes)
     }
 
-    /// Adds a face with corners beside the grid.
+    /// Adds a face with off-grid vertices.
     pub(crate) fn exact_face(&mut self, face: ExactFace) -> Result<()> {
         self.exact.push(face);
         if self.exact.is_full() { self.finish_exact_block() } else { Ok(()) }
@@ -128,7 +130,7 @@ impl ModelWriter {
         self.piece(List::Exact, first, block.bytes())
     }
 
-    /// Number of the faces with corners beside the grid that were added.
+    /// Returns the number of added faces with off-grid vertices.
     pub(crate) fn exact_faces(&self) -> u64 {
         self.exact.len()
     }
@@ -138,7 +140,7 @@ impl ModelWriter {
         self.piece(List::Exact, first, &bytes)
     }
 
-    /// Writes what stands after the segments and puts the file in its place.
+    /// Writes the sections after the segments, and commits the file.
     pub(crate) fn finish(self, summary: &Summary, formula: &str, metadata: &Metadata) -> Result<()> {
         let ModelWriter { mut out, path, mut position, lists, .. } = self;
         let metadata = metadata.to_bytes(&path)?;
@@ -174,7 +176,7 @@ impl ModelWriter {
     }
 }
 
-/// Words for writing a piece, in messages.
+/// Returns the phrase for writing a chunk, in error messages.
 fn doing(list: List) -> &'static str {
     match list {
         List::Faces => "write faces",
@@ -185,7 +187,7 @@ fn doing(list: List) -> &'static str {
     }
 }
 
-/// The header of a model's file.
+/// Returns the header of a model's file.
 fn model_header(grid: &Grid) -> FileHeader {
     let (format, content) = (TreeFormat::Goblin, Content::Model);
     FileHeader { format, content, dimension: Dimension::Oct, depth: grid.depth(), layers: 0 }

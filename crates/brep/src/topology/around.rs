@@ -1,4 +1,4 @@
-//! Order around a point of a plane or around an edge, exact.
+//! Exact cyclic order around a point of a plane or around an edge.
 
 use std::cmp::Ordering;
 
@@ -6,21 +6,21 @@ use crate::exact::normal::newell;
 use crate::exact::vector::others;
 use spinney_base::sort;
 
-/// Something that leaves a point of a plane, or an edge seen along itself, in a direction.
+/// The direction of something around a point of a plane, or around an edge seen along itself.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Direction {
-    /// The direction, of any length but zero; below 2^62 in magnitude, so that products fit.
+    /// The direction, not zero; below 2^62 in magnitude, so that products fit.
     pub(super) at: [i128; 2],
-    /// Whether what is solid ends here, going counterclockwise; else it begins here.
+    /// Whether the solid side ends here in counterclockwise order; otherwise, it begins here.
     pub(super) closes: bool,
-    /// Number of what has this direction.
+    /// Number of the item with this direction.
     pub(super) number: u32,
 }
 
-/// Pairs directions between which lies what is solid: each pair is one where it begins and the next one, going
-/// counterclockwise, where it ends. Directions in which nothing else begins or ends are left alone.
+/// Pairs the directions that bound a solid sector: each begin with the next end, counterclockwise.
+/// Directions without a counterpart stay unpaired.
 ///
-/// In one and the same direction, what ends there comes before what begins: solids that only touch stay apart.
+/// Of equal directions, ends precede begins: solids that only touch stay separate.
 pub(super) fn pair_around(directions: &mut [Direction]) -> Vec<[u32; 2]> {
     sort::by(directions, &mut |a, b| {
         let by_angle = compare_angles(a.at, b.at);
@@ -29,7 +29,7 @@ pub(super) fn pair_around(directions: &mut [Direction]) -> Vec<[u32; 2]> {
     let mut pairs = Vec::with_capacity(directions.len() / 2);
     let mut is_paired = vec![false; directions.len()];
     let mut begun = Vec::new();
-    // Twice around, as it may begin before the first direction.
+    // Two turns, since a sector may begin before the first direction.
     for round in 0..2 {
         for (index, direction) in directions.iter().enumerate().filter(|(_, at)| at.closes || round == 0) {
             if !direction.closes {
@@ -52,10 +52,11 @@ fn compare_angles(a: [i128; 2], b: [i128; 2]) -> Ordering {
     is_lower(a).cmp(&is_lower(b)).then(0.cmp(&cross))
 }
 
-/// The normal of rings after Newell, as the shortest vector of whole numbers; zero if they enclose nothing.
+/// Returns the normal of rings by Newell's method, as the shortest integer vector; zero if they
+/// enclose nothing.
 ///
-/// For a planar face with coordinates of 26 bits, its numbers are below 2^54. For what is not planar they may be
-/// larger, and then lose their last bits.
+/// For a planar face with coordinates of 26 bits, components are below 2^54. For other faces, they
+/// may be larger, and then lose their low bits.
 pub(super) fn normal<'a>(rings: impl Iterator<Item = &'a [[i32; 3]]>) -> [i128; 3] {
     let mut sum = [0i128; 3];
     for ring in rings {
@@ -80,7 +81,8 @@ fn greatest_divisor(mut a: u128, mut b: u128) -> u128 {
     a
 }
 
-/// A vector as seen against the direction of an axis, or along it if `is_turned`.
+/// Projects a vector along an axis, as seen against the axis' direction, or along it if
+/// `is_turned`.
 pub(super) fn flat(vector: [i128; 3], axis: usize, is_turned: bool) -> [i128; 2] {
     let [j, k] = others(axis);
     if is_turned { [vector[k], vector[j]] } else { [vector[j], vector[k]] }

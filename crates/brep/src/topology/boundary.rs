@@ -6,13 +6,13 @@ use super::{NONE, Topology};
 use spinney_base::{Error, Result};
 
 impl Topology {
-    /// Whether every half-edge has a twin.
+    /// Returns whether every half-edge has a twin.
     pub fn is_closed(&self) -> bool {
         self.edges.iter().all(|[_, second]| *second != NONE)
     }
 
-    /// The boundaries of an open surface: chains of half-edges that have no twin, each of which ends where the next one
-    /// starts, and the last one where the first does. Their origins are the chain's points.
+    /// Returns the boundaries of an open surface: closed chains of half-edges that have no twin.
+    /// Their origins are the chain's points.
     pub fn boundaries(&self) -> impl Iterator<Item = Vec<u32>> {
         let mut is_done = Vec::new();
         let lone = self.edges.iter().filter(|[_, second]| *second == NONE).map(|[first, _]| *first);
@@ -25,7 +25,7 @@ impl Topology {
             while !is_done[at as usize] {
                 is_done[at as usize] = true;
                 chain.push(at);
-                // The one that has no twin is the first of a fan that is open.
+                // The first half-edge of an open fan has no twin.
                 at = self.vertices[self.target(at) as usize].half_edge;
             }
             (!chain.is_empty()).then_some(chain)
@@ -35,8 +35,8 @@ impl Topology {
     /// Checks that the surface is closed.
     ///
     /// # Errors
-    /// If it is not; the message tells how many edges lack a face, and where the first of them are, on the model's
-    /// grid.
+    /// If it is not. The message has the number of edges that lack a face, and the grid positions
+    /// of the first of them.
     pub fn check_closed(&self, path: &Path) -> Result<()> {
         const MAX_SHOWN: usize = 8;
         let Some(chain) = self.boundaries().next() else { return Ok(()) };

@@ -1,4 +1,5 @@
-//! The making of a topology: corners are welded, half-edges paired, and vertices split into fans.
+//! Construction of a topology: vertices of faces are welded, half-edges paired, and vertices split
+//! into fans.
 
 use std::collections::HashMap;
 use std::mem::size_of;
@@ -10,19 +11,19 @@ use crate::exact::vector::{main_axis, subtract};
 use crate::{Face, Faces};
 use spinney_base::{Error, Progress, Result, sort};
 
-/// Most bytes in use for each half-edge while a topology is made: its own three numbers and that of its point (16),
-/// orders of half-edges and points (12), its point (12), edges (12) and vertices (8), none of which are shared in the
-/// worst case.
+/// Maximum bytes in use per half-edge during construction: its own three numbers and that of its
+/// point (16), orders of half-edges and points (12), its point (12), edges (12) and vertices (8),
+/// none of which are shared in the worst case.
 const HALF_EDGE_BYTES: u64 = 60;
 
-/// Bytes for each face and ring, likewise.
+/// Bytes per face and ring, likewise.
 const FACE_BYTES: u64 = 16;
 const RING_BYTES: u64 = size_of::<Ring>() as u64;
 
-/// Things that are done between two looks at whether to go on.
+/// Number of steps between cancellation checks.
 const OFTEN: usize = 1 << 16;
 
-/// Faces of more corners keep their normals once they are known.
+/// Normals of faces with more vertices are cached.
 const LARGE: u32 = 32;
 
 pub(super) fn build(
@@ -38,7 +39,7 @@ pub(super) fn build(
     stage_done();
     let order = weld(corners, &mut topology, progress)?;
     stage_done();
-    // Origins are numbers of points up to here, and become those of vertices in the end.
+    // Until `split_vertices`, origins are point numbers instead of vertex numbers.
     pair(&mut topology, progress)?;
     stage_done();
     split_vertices(&order, &mut topology, progress)?;
@@ -81,7 +82,7 @@ fn check_size(counts: &Counts, options: &TopologyOptions) -> Result<()> {
         path: options.path.clone(),
         what: format!("the topology of {} faces with {} half-edges", counts.faces, counts.half_edges),
         needed,
-        // (Numbers of half-edges have 32 bits.)
+        // (Half-edge numbers have 32 bits.)
         limit: options.memory.min(numbers * HALF_EDGE_BYTES),
         advice: "allow more memory, or take a part of the model".into(),
     })
@@ -102,7 +103,7 @@ fn each_face(
     })
 }
 
-/// Reads rings and faces; the outcome is the point at which each half-edge starts, and its number ([`numbered`]).
+/// Reads rings and faces; returns the start point of each half-edge with its number ([`numbered`]).
 fn read(
     faces: &dyn Faces,
     counts: &Counts,
@@ -117,7 +118,7 @@ fn read(
     let mut found = FaceRings::default();
     let mut face_number = 0;
     each_face(faces, progress, &mut |face| {
-        // (A model that grows while it is read is none.)
+        // (The number of faces must not change between passes.)
         if corners.len() + face.points.len() > half_edges || u64::from(face_number) == counts.faces {
             return Err(Error::invalid("faces", "more of them than at first", "the same each time"));
         }
@@ -141,7 +142,7 @@ fn read(
     Ok(corners)
 }
 
-/// Numbers the different points in their order; the outcome is the half-edges by the point that they start at.
+/// Numbers the distinct points in order; returns the half-edges sorted by their start points.
 fn weld(mut corners: Vec<u128>, topology: &mut Topology, progress: &dyn Progress) -> Result<Vec<u32>> {
     sort_numbers(&mut corners, progress)?;
     topology.origin = vec![0; corners.len()];
@@ -156,7 +157,7 @@ fn weld(mut corners: Vec<u128>, topology: &mut Topology, progress: &dyn Progress
     Ok(corners.into_iter().map(|corner| corner as u32).collect())
 }
 
-/// Sorts in pieces between which the work may be interrupted.
+/// Sorts in blocks, with cancellation checks in between.
 fn sort_numbers(corners: &mut [u128], progress: &dyn Progress) -> Result<()> {
     progress.check()?;
     if corners.len() <= 1 << 20 {
@@ -168,13 +169,14 @@ fn sort_numbers(corners: &mut [u128], progress: &dyn Progress) -> Result<()> {
     sort_numbers(above, progress)
 }
 
-/// Makes edges: pairs of half-edges between the same two points, in opposite directions.
+/// Creates edges: pairs of half-edges between the same two points, in opposite directions.
 fn pair(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     let half_edges = topology.origin.len();
     let mut by_first = by_first_point(topology);
     topology.edge_of = vec![NONE; half_edges];
     topology.edges.reserve_exact(half_edges / 2);
-    // Of each group of more than two: where it is in the list, and how many of it are in the points' order.
+    // For each group of more than two half-edges: index in the list, length, and number of forward
+    // half-edges.
     let mut crowded = Vec::new();
     let mut start = 0;
     let mut checked = 0;
@@ -186,7 +188,7 @@ fn pair(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
         let first = ends(topology, by_first[start]).0;
         let len = by_first[start..].iter().take_while(|&&other| ends(topology, other).0 == first).count();
         let from_first = &mut by_first[start..start + len];
-        // (They come by ascending numbers.)
+        // (Numbers ascend within equal keys.)
         sort::by_key(from_first, |&half_edge| {
             let (_, second, is_back) = ends(topology, half_edge);
             u64::from(second) << 1 | u64::from(is_back)
@@ -218,13 +220,13 @@ fn pair(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     Ok(())
 }
 
-/// The lower and the higher point at the ends of a half-edge, and whether it goes from the higher one.
+/// Returns the lower and the higher point of a half-edge, and whether it starts at the higher one.
 fn ends(topology: &Topology, half_edge: u32) -> (u32, u32, bool) {
     let (a, b) = (topology.origin(half_edge), topology.target(half_edge));
     (a.min(b), a.max(b), a > b)
 }
 
-/// All half-edges by the lower one of their points.
+/// Returns all half-edges, sorted by their lower point.
 fn by_first_point(topology: &Topology) -> Vec<u32> {
     let half_edges = 0..topology.origin.len() as u32;
     let mut starts = vec![0u32; topology.points.len() + 1];
@@ -241,8 +243,8 @@ fn by_first_point(topology: &Topology) -> Vec<u32> {
     sorted
 }
 
-/// Pairs more than two half-edges between the same two points, of which so many at the beginning go from the first
-/// point to the second.
+/// Pairs more than two half-edges between the same two points; the first `forward` of them lead
+/// from the first point to the second.
 fn pair_radially(
     topology: &mut Topology,
     same: &[u32],
@@ -256,13 +258,14 @@ fn pair_radially(
     let mut directions = Vec::with_capacity(same.len());
     for (index, &half_edge) in same.iter().enumerate() {
         let is_forward = index < forward;
-        // A face leaves the edge at a right angle to its normal, on the left of the half-edge, seen from outside. The
-        // angles between such directions are those between normals, if faces on half-edges that go back have theirs
-        // turned round. Seen along an axis, in which the edge is longest, angles change, but their order does not.
+        // A face leaves the edge perpendicular to its normal, on the left of the half-edge as seen
+        // from outside. Angles between such directions equal angles between normals, if the normals
+        // of backward half-edges are negated. The projection along the edge's main axis changes
+        // angles, but not their order.
         let normal = topology.leading_normal(half_edge, normals);
         let normal = if is_forward { normal } else { normal.map(|part| -part) };
         let at = flat(normal, axis, along[axis] < 0);
-        // What is solid lies on the inner side of faces: around the edge, it ends at those of forward half-edges.
+        // The solid is on the inner side of faces: around the edge, it ends at forward half-edges.
         if at != [0; 2] {
             directions.push(Direction { at, closes: is_forward, number: half_edge });
         }
@@ -270,7 +273,7 @@ fn pair_radially(
     for [begins, ends] in pair_around(&mut directions) {
         topology.push_edge(ends, begins);
     }
-    // What is left goes with faces without area, which have no direction.
+    // The remaining half-edges belong to faces without area, which have no direction.
     let is_left = |half_edge: &&u32| topology.edge_of[**half_edge as usize] == NONE;
     let ahead: Vec<u32> = same[..forward].iter().filter(is_left).copied().collect();
     let back: Vec<u32> = same[forward..].iter().filter(is_left).copied().collect();
@@ -283,11 +286,11 @@ fn pair_radially(
     }
 }
 
-/// Most slivers that a surface is followed through.
+/// Maximum number of consecutive slivers that are traversed.
 const MAX_SLIVERS: usize = 64;
 
 impl Topology {
-    /// Makes an edge of two half-edges, or of one that has no other.
+    /// Adds an edge of two half-edges, or of one that has no twin.
     fn push_edge(&mut self, a: u32, b: u32) {
         let edge = self.edges.len() as u32;
         self.edge_of[a as usize] = edge;
@@ -297,8 +300,8 @@ impl Topology {
         self.edges.push([a.min(b), a.max(b)]);
     }
 
-    /// The normal of the face that a half-edge belongs to. A face without area has none: there it is that of the
-    /// face to which it leads on, over edges in the direction of the half-edge that are settled already.
+    /// Returns the normal of a half-edge's face. For a face without area, returns that of the face
+    /// beyond it, across edges in the direction of the half-edge that are already paired.
     fn leading_normal(&self, half_edge: u32, normals: &mut HashMap<u32, [i128; 3]>) -> [i128; 3] {
         let mut at = half_edge;
         for _ in 0..MAX_SLIVERS {
@@ -312,7 +315,7 @@ impl Topology {
         [0; 3]
     }
 
-    /// The half-edge over which a face without area goes on to the next one, which has the direction of the first.
+    /// Returns the half-edge beyond a face without area that has the direction of the first one.
     fn led_on(&self, first: u32, at: u32) -> Option<u32> {
         let vector = |half_edge: u32| {
             let [from, to] =
@@ -351,7 +354,7 @@ impl Topology {
     }
 }
 
-/// Makes a vertex of each fan of faces around a point, in the order of the points.
+/// Creates a vertex for each fan of faces around a point, in the order of the points.
 fn split_vertices(order: &[u32], topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     let mut vertex_of = vec![NONE; topology.origin.len()];
     for (number, &half_edge) in order.iter().enumerate() {
@@ -361,7 +364,7 @@ fn split_vertices(order: &[u32], topology: &mut Topology, progress: &dyn Progres
         if vertex_of[half_edge as usize] != NONE {
             continue;
         }
-        // A fan that is open begins at its end.
+        // An open fan begins at its boundary.
         let mut first = half_edge;
         while let Some(before) = topology.twin(first).map(|twin| topology.next(twin)) {
             first = before;
@@ -382,7 +385,7 @@ fn split_vertices(order: &[u32], topology: &mut Topology, progress: &dyn Progres
     Ok(())
 }
 
-/// Numbers shells by their first faces.
+/// Finds shells, numbered by their first faces.
 fn find_shells(topology: &mut Topology, progress: &dyn Progress) -> Result<()> {
     let faces = topology.faces();
     topology.shell_of = vec![NONE; faces as usize];

@@ -1,32 +1,33 @@
-//! Rings of a face as its inside sees them: where several corners of a face lie in one point, which edge follows
-//! which is told by what lies between them.
+//! Rings of a face, by its interior: where several vertices of a face coincide, the interior
+//! between edges determines which edge follows which.
 
 use super::super::Face;
 use super::around::{Direction, flat, normal, pair_around};
 use crate::exact::vector::{main_axis, subtract};
 use spinney_base::sort;
 
-/// A point and a number below: the order is that of the points, then that of the numbers.
+/// Combines a point and a number into a key that sorts by point, then by number.
 pub(super) fn numbered(point: [i32; 3], number: u32) -> u128 {
     sort::point_key(point) << 32 | u128::from(number)
 }
 
-/// Rings of faces, in buffers that are used again.
+/// Rings of faces, in reusable buffers.
 #[derive(Default)]
 pub(super) struct FaceRings {
-    /// Corners of the rings of the last face, in order.
+    /// Vertices of the last face's rings, in order.
     pub(super) points: Vec<[i32; 3]>,
-    /// End of each ring in the points.
+    /// End of each ring in `points`.
     pub(super) ends: Vec<usize>,
-    /// Points as keys, with their corners below.
+    /// Keys of points and vertex numbers.
     sorted: Vec<u128>,
 }
 
 impl FaceRings {
     /// Finds the rings of a face.
     ///
-    /// They are those that the face has, unless corners lie in one point: a hole that touches the outer ring is a
-    /// part of the outer ring then, as the face does not go on between the two there. Empty rings are left out.
+    /// They are the face's own rings, unless vertices coincide: a hole that touches the outer ring
+    /// is merged with it, since the face is not connected between the two at that point. Empty
+    /// rings are dropped.
     pub(super) fn find(&mut self, face: &Face<'_>) {
         self.points.clear();
         self.ends.clear();
@@ -50,7 +51,8 @@ impl FaceRings {
         }
     }
 
-    /// The corner at which the edge after a corner's edge starts, by corner; `None` for a face without area.
+    /// Returns, for each vertex, the vertex at which the edge after its edge starts; `None` for a
+    /// face without area.
     fn follow(&self, face: &Face<'_>) -> Option<Vec<u32>> {
         let normal = normal(face.rings());
         if normal == [0; 3] {
@@ -75,7 +77,8 @@ impl FaceRings {
             for &number in same {
                 let corner = number as u32;
                 let point = face.points[corner as usize];
-                // The inside is on the left of edges: it begins at those that go out, and ends at those that come in.
+                // The interior is on the left of edges: it begins at outgoing edges, and ends at
+                // incoming ones.
                 for (other, closes) in [(after[corner as usize], false), (before[corner as usize], true)] {
                     let other = face.points[other as usize];
                     let towards = subtract(other.map(i128::from), point.map(i128::from));
@@ -142,13 +145,13 @@ mod tests {
         let hole = [[0, 0], [2, 4], [4, 2]];
         let joined = vec![[0, 0], [8, 0], [8, 8], [0, 8], [0, 0], [2, 4], [4, 2]];
         assert_eq!(rings(&[&SQUARE, &hole]), [joined]);
-        // Two that touch one another, and one of them the square.
+        // Two holes that touch each other, and one of them the square.
         let more = [[4, 2], [4, 4], [6, 3]];
         let all = rings(&[&SQUARE, &hole, &more]);
         assert_eq!((all.len(), all[0].len()), (1, 10));
     }
 
-    /// An outline that passes a point twice: as the inside sees it, a hole of its own.
+    /// An outline that passes a point twice: its interior sees a separate hole.
     #[test]
     fn a_ring_that_touches_itself_parts_where_its_inside_does_not() {
         let ring = [[0, 0], [8, 0], [8, 8], [4, 8], [6, 4], [2, 4], [4, 8], [0, 8]];
@@ -158,7 +161,7 @@ mod tests {
         assert_eq!(parted.iter().map(Vec::len).collect::<Vec<_>>(), [3, 3]);
     }
 
-    /// A bridge there and back stays.
+    /// A bridge in both directions is kept.
     #[test]
     fn bridges_stay() {
         let ring = [[0, 0], [2, 2], [2, 4], [4, 2], [2, 2], [0, 0], [8, 0], [8, 8], [0, 8]];

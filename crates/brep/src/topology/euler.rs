@@ -1,8 +1,8 @@
-//! The law of Euler and Poincaré.
+//! The Euler-Poincaré formula.
 
 use super::{NONE, Topology};
 
-/// Numbers of a shell's entities.
+/// Entity counts of a shell.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
     /// Vertices.
@@ -11,15 +11,16 @@ pub struct Counts {
     pub edges: u64,
     /// Faces.
     pub faces: u64,
-    /// Rings beside the first of each face: holes in faces.
+    /// Rings in addition to the first one of each face: holes in faces.
     pub rings: u64,
-    /// Boundaries: chains of edges with a face on one side only. None if the shell is closed.
+    /// Boundaries: chains of edges with a face on one side only. 0 if the shell is closed.
     pub boundaries: u64,
 }
 
 impl Counts {
-    /// Number of handles, G of `V - E + F - R + B = 2 (1 - G)`; `None` if that is no whole number of 0 or more, as
-    /// for a face without edges, or one of whose parts only touch.
+    /// Returns the number of handles, G in `V - E + F - R + B = 2 (1 - G)`. Returns `None` if that
+    /// is not an integer of at least 0, as for a face without edges, or for a face whose interior
+    /// is not connected.
     pub fn genus(&self) -> Option<u64> {
         let of = |count: u64| count as i64;
         let sum = of(self.vertices) - of(self.edges) + of(self.faces) - of(self.rings) + of(self.boundaries);
@@ -28,7 +29,7 @@ impl Counts {
     }
 }
 
-/// Numbers of a model's entities, which fulfil `V - E + F - R + B = 2 (S - G)`.
+/// Entity counts of a model, for which `V - E + F - R + B = 2 (S - G)` holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Euler {
     /// V: vertices.
@@ -37,18 +38,18 @@ pub struct Euler {
     pub edges: u64,
     /// F: faces.
     pub faces: u64,
-    /// R: rings beside the first of each face.
+    /// R: rings in addition to the first one of each face.
     pub rings: u64,
     /// S: shells.
     pub shells: u64,
-    /// B: boundaries; none if the surface is closed.
+    /// B: boundaries; 0 if the surface is closed.
     pub boundaries: u64,
-    /// G: handles of all shells; `None` if those of one are no whole number of 0 or more.
+    /// G: handles of all shells; `None` if those of a shell are not an integer of at least 0.
     pub genus: Option<u64>,
 }
 
 impl Topology {
-    /// Numbers of the entities of each shell.
+    /// Returns the entity counts of each shell.
     pub fn counts_by_shell(&self) -> Vec<Counts> {
         let mut shells = vec![Counts::default(); self.shells() as usize];
         let at = |face: u32| self.shell_of_face(face) as usize;
@@ -71,7 +72,7 @@ impl Topology {
         shells
     }
 
-    /// Numbers of all entities, and the genus that follows from those of each shell.
+    /// Returns the counts of all entities, and the sum of the shells' genera.
     pub fn euler(&self) -> Euler {
         let mut euler = Euler { genus: Some(0), ..Euler::default() };
         for counts in self.counts_by_shell() {

@@ -1,44 +1,49 @@
-//! Topology of an exact model: which faces, rings, edges and vertices belong to one another.
+//! Topology of an exact model: the incidences of faces, rings, edges and vertices.
 //!
-//! Kept are *half-edges*: an edge as a side of one face, in the direction in which the face's ring passes it
-//! (counterclockwise seen from outside, holes the other way round). A closed surface passes every edge once in each
-//! direction; the two half-edges are twins. From a half-edge, everything around is some steps away: along its ring, over
-//! to its twin, around its vertex.
+//! The data structure consists of *half-edges*. A half-edge is an edge as a side of one face, in
+//! the direction of the face's ring (counterclockwise seen from outside, holes clockwise). A closed
+//! surface has every edge once in each direction; the two half-edges are twins. From a half-edge,
+//! all incident entities are a few steps away: along its ring, to its twin, or around its vertex.
 //!
-//! Half-edges and not winged edges, for three reasons. A winged edge has two faces and four neighbours, and each step
-//! has to ask first on which of its sides one is; a half-edge has one face and one next one. Where an edge has four or six
-//! faces, it has no two wings, but half-edges still come in pairs. And faces with holes need rings of their own either
-//! way: a half-edge belongs to a ring, and a ring to a face.
+//! Half-edges are used instead of winged edges for three reasons. A winged edge has two faces and
+//! four neighbours, and each step has to determine the side first; a half-edge has one face and one
+//! successor. An edge with four or six faces has no two wings, but its half-edges still come in
+//! pairs. And faces with holes need rings in any case: a half-edge belongs to a ring, and a ring to
+//! a face.
 //!
-//! # What is one vertex, one edge
+//! # Identity of vertices and edges
 //!
-//! Corners with equal coordinates are one point. Half-edges between the same two points, in opposite directions, are
-//! one edge. Where there are more than two, faces are sorted around the edge, exactly, and those between which lies
-//! something solid belong together: solids that only touch along an edge stay apart. Faces without area go with the
-//! face that they lead to. A point has a vertex for each fan of faces around it, so that every vertex has one, and the
-//! whole is a two-dimensional manifold, whatever touches. The same goes within a face: where a hole touches the outer
-//! ring, both are one ring. (A face whose inside falls apart where its rings touch is still one face, with several
-//! rings.)
+//! Face vertices with equal coordinates are one point. Half-edges between the same two points, in
+//! opposite directions, are one edge. If there are more than two, faces are sorted around the edge,
+//! exactly, and faces that bound the same solid sector are paired: solids that only touch along an
+//! edge stay separate. Faces without area are paired like the face beyond them. A point has a
+//! vertex for each fan of faces around it, so every vertex has one fan, and the surface is a
+//! two-dimensional manifold, whatever touches. The same holds within a face: where a hole touches
+//! the outer ring, both are one ring. (A face whose interior is disconnected where its rings touch
+//! is still one face, with several rings.)
 //!
 //! A half-edge without a twin is on the boundary of an open surface: see [`Topology::boundaries`].
 //!
 //! # Numbers and memory
 //!
-//! Everything is known by a number from 0, and numbers that are passed in must be below the count of their kind. Faces
-//! have those of the model; half-edges of a ring follow one another, and so do rings of a face; shells are numbered by
-//! their first faces, and vertices by their points, which are in the order of their coordinates.
+//! Entities are numbered from 0, and arguments must be below the count of their kind. Faces have
+//! the model's numbers. Half-edges of a ring are consecutive, and so are rings of a face. Shells
+//! are numbered by their first faces, and vertices by their points, which are sorted by
+//! coordinates.
 //!
-//! A half-edge takes 12 bytes, an edge 8, a vertex and its point 20, a ring 8, a face 12: for closed surfaces of
-//! triangles about 24 bytes per half-edge. Up to 60 are in use while it is made,
-//! and about 45 for such surfaces.
+//! A half-edge takes 12 bytes, an edge 8, a vertex and its point 20, a ring 8, a face 12: about 24
+//! bytes per half-edge for closed surfaces of triangles. Construction uses up to 60 bytes per
+//! half-edge, and about 45 for such surfaces.
 //!
-//! Topology is made of finished faces and does not change; [`EulerBody`] is changed step by step, by Euler operators.
+//! A topology is computed from complete faces and is immutable. [`EulerBody`] can be changed
+//! incrementally, by Euler operators.
 //!
-//! # The entities of the literature
+//! # Entities in the literature
 //!
-//! Tyukachev's model for set operations on closed triangulated surfaces (2010) has four entities, with six relations
-//! from many to many and four from one to many, of which he leaves eleven from one to many. All of them are walks here; triangles are not required, and
-//! nothing is kept twice.
+//! Tyukachev's model for set operations on closed triangulated surfaces (2010) has four entities,
+//! with six many-to-many relations and four one-to-many relations, of which he keeps eleven as
+//! one-to-many relations. Here, all of them are traversals; triangles are not required, and nothing
+//! is stored twice.
 //!
 //! | entity and field | here |
 //! | --- | --- |
@@ -54,15 +59,16 @@
 //! | Vertex: IdFace, IdBody | [`faces_of_vertex`](Topology::faces_of_vertex), [`shell_of_vertex`](Topology::shell_of_vertex) |
 //! | Vertex: Family (families of incident vertices), Visit | [`vertices_at`](Topology::vertices_at) a point, a vertex for each family: [`neighbours_of_vertex`](Topology::neighbours_of_vertex), in order around it, so that nothing has to be marked |
 //!
-//! IdBody is a list there, of faces, edges and vertices alike; here each belongs to one shell, and bodies that touch are
-//! found by the vertices at a point. (Which faces an operation chooses for its result is no matter of topology; the
-//! paper's indices need corrections for that: index 3 is the complement, printed as the intersection, and does not
-//! tell coplanar faces of equal orientation from those of opposite orientation, which are two cases.)
+//! IdBody is a list in that model, of faces, edges and vertices alike. Here, each entity belongs to
+//! one shell, and bodies that touch are found by the vertices at a point. (Which faces an operation
+//! selects is not a matter of topology. The paper's indices need corrections for that: index 3 is
+//! the complement, printed as the intersection, and does not distinguish coplanar faces of equal
+//! orientation from those of opposite orientation, which are two cases.)
 //!
-//! The winged-edge row, after Baumgart, of the Ukrainian paper on intersection lines of polygon meshes (2012): an edge
-//! `a` from X to Y, the faces 1 and 2 on its left and right, and the edges before and after `a` in these. Faces are
-//! passed clockwise there and counterclockwise here, so that what is before is after; with `h` the half-edge from X to
-//! Y, and `t` its twin:
+//! The winged-edge record, after Baumgart, of the Ukrainian paper on intersection lines of polygon
+//! meshes (2012): an edge `a` from X to Y, the faces 1 and 2 on its left and right, and the edges
+//! before and after `a` in these. Faces are clockwise there and counterclockwise here, so "before"
+//! and "after" are exchanged. `h` is the half-edge from X to Y, and `t` its twin:
 //!
 //! | column | there | here |
 //! | --- | --- | --- |
@@ -91,20 +97,20 @@ use spinney_base::{Progress, Result};
 pub use euler::{Counts, Euler};
 pub use operators::{EulerBody, EulerCorner};
 
-/// In place of a half-edge that there is not.
+/// Marks a missing half-edge.
 const NONE: u32 = u32::MAX;
 
-/// Limits of a topology that is to be made.
+/// Limits for building a topology.
 #[derive(Clone, Debug)]
 pub struct TopologyOptions {
-    /// Most bytes that may be in use for it, while it is made too.
+    /// Maximum bytes in use, including those during construction.
     pub memory: u64,
     /// The model's file, for messages.
     pub path: PathBuf,
 }
 
 impl Default for TopologyOptions {
-    /// A gibibyte, which is enough for about five million triangles.
+    /// One gibibyte, which is enough for about five million triangles.
     fn default() -> TopologyOptions {
         TopologyOptions { memory: 1 << 30, path: PathBuf::from("model") }
     }
@@ -117,24 +123,24 @@ pub struct Topology {
     origin: Vec<u32>,
     edge_of: Vec<u32>,
     ring_of: Vec<u32>,
-    /// The half-edges of each edge, the lower number first, then [`NONE`] if there is no other.
+    /// The half-edges of each edge, the lower number first, then [`NONE`] if there is no twin.
     edges: Vec<[u32; 2]>,
     vertices: Vec<Vertex>,
-    /// All different points, in order.
+    /// All distinct points, in order.
     points: Vec<[i32; 3]>,
-    /// One more than there are, where the last one ends.
+    /// All rings, and a final entry for the end of the last one.
     rings: Vec<Ring>,
-    /// The first ring of each face, and the number of rings.
+    /// The first ring of each face, and the total number of rings.
     face_rings: Vec<u32>,
     shell_of: Vec<u32>,
-    /// The faces of all shells, and where those of each one end.
+    /// The faces of all shells, and the end of each shell's faces.
     shell_faces: Vec<u32>,
     shell_ends: Vec<u32>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct Vertex {
-    /// A half-edge that starts there: if the fan is open, the one that has no twin.
+    /// A half-edge that starts there: in an open fan, the one that has no twin.
     half_edge: u32,
     point: u32,
 }
@@ -147,7 +153,7 @@ struct Ring {
 }
 
 impl Topology {
-    /// The topology of a model, of which all faces are read twice.
+    /// Builds the topology of a model; reads all faces twice.
     ///
     /// ```
     /// use spinney::brep::{Face, Grid};
@@ -169,60 +175,61 @@ impl Topology {
     /// ```
     ///
     /// # Errors
-    /// If it needs more memory than is allowed, or has 2^32 half-edges; if the faces cannot be read; or on
-    /// interruption.
+    /// If it needs more memory than allowed, or has 2^32 half-edges; if the faces cannot be read;
+    /// or on cancellation.
     pub fn of(faces: &dyn Faces, options: &TopologyOptions, progress: &dyn Progress) -> Result<Topology> {
         build::build(faces, options, progress)
     }
 
-    /// Number of half-edges.
+    /// Returns the number of half-edges.
     pub fn half_edges(&self) -> u32 {
         self.origin.len() as u32
     }
 
-    /// Number of edges.
+    /// Returns the number of edges.
     pub fn edges(&self) -> u32 {
         self.edges.len() as u32
     }
 
-    /// Number of vertices: no less than that of different points.
+    /// Returns the number of vertices: at least the number of distinct points.
     pub fn vertices(&self) -> u32 {
         self.vertices.len() as u32
     }
 
-    /// Number of rings of all faces.
+    /// Returns the number of rings of all faces.
     pub fn rings(&self) -> u32 {
         self.rings.len() as u32 - 1
     }
 
-    /// Number of faces.
+    /// Returns the number of faces.
     pub fn faces(&self) -> u32 {
         self.face_rings.len() as u32 - 1
     }
 
-    /// Number of shells: surfaces that hang together.
+    /// Returns the number of shells: connected surfaces.
     pub fn shells(&self) -> u32 {
         self.shell_ends.len() as u32
     }
 
-    /// The vertex at which a half-edge starts.
+    /// Returns the vertex at which a half-edge starts.
     #[inline]
     pub fn origin(&self, half_edge: u32) -> u32 {
         self.origin[half_edge as usize]
     }
 
-    /// The vertex at which a half-edge ends.
+    /// Returns the vertex at which a half-edge ends.
     #[inline]
     pub fn target(&self, half_edge: u32) -> u32 {
         self.origin(self.next(half_edge))
     }
 
-    /// The half-edge of the same edge in the other direction; `None` on the boundary of an open surface.
+    /// Returns the half-edge of the same edge in the other direction; `None` on the boundary of an
+    /// open surface.
     #[inline]
     pub fn twin(&self, half_edge: u32) -> Option<u32> {
         let edge = self.edge_of[half_edge as usize];
         if edge == NONE {
-            // (Only while the topology is made.)
+            // (Only during construction.)
             return None;
         }
         let [a, b] = self.edges[edge as usize];
@@ -230,57 +237,58 @@ impl Topology {
         (twin != NONE).then_some(twin)
     }
 
-    /// The half-edge after another one in its ring.
+    /// Returns the half-edge after another one in its ring.
     #[inline]
     pub fn next(&self, half_edge: u32) -> u32 {
         let Range { start, end } = self.half_edges_of_ring(self.ring(half_edge));
         if half_edge + 1 == end { start } else { half_edge + 1 }
     }
 
-    /// The half-edge before another one in its ring.
+    /// Returns the half-edge before another one in its ring.
     #[inline]
     pub fn previous(&self, half_edge: u32) -> u32 {
         let Range { start, end } = self.half_edges_of_ring(self.ring(half_edge));
         if half_edge == start { end - 1 } else { half_edge - 1 }
     }
 
-    /// The edge of a half-edge.
+    /// Returns the edge of a half-edge.
     #[inline]
     pub fn edge(&self, half_edge: u32) -> u32 {
         self.edge_of[half_edge as usize]
     }
 
-    /// The ring of a half-edge.
+    /// Returns the ring of a half-edge.
     #[inline]
     pub fn ring(&self, half_edge: u32) -> u32 {
         self.ring_of[half_edge as usize]
     }
 
-    /// The face of a half-edge.
+    /// Returns the face of a half-edge.
     #[inline]
     pub fn face(&self, half_edge: u32) -> u32 {
         self.face_of_ring(self.ring(half_edge))
     }
 
-    /// The face of a ring.
+    /// Returns the face of a ring.
     #[inline]
     pub fn face_of_ring(&self, ring: u32) -> u32 {
         self.rings[ring as usize].face
     }
 
-    /// The shell of a face.
+    /// Returns the shell of a face.
     #[inline]
     pub fn shell_of_face(&self, face: u32) -> u32 {
         self.shell_of[face as usize]
     }
 
-    /// Grid coordinates of a vertex.
+    /// Returns the grid coordinates of a vertex.
     #[inline]
     pub fn point(&self, vertex: u32) -> [i32; 3] {
         self.points[self.vertices[vertex as usize].point as usize]
     }
 
-    /// The vertices at a point: several where surfaces only touch, none where there is no corner.
+    /// Returns the vertices at a point: several where surfaces only touch, none if no face has a
+    /// vertex there.
     pub fn vertices_at(&self, point: [i32; 3]) -> Range<u32> {
         let Ok(number) = self.points.binary_search(&point) else { return 0..0 };
         let first = self.vertices.partition_point(|vertex| (vertex.point as usize) < number);

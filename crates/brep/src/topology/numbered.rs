@@ -1,6 +1,6 @@
-//! Entities that come and go, by number.
+//! Slots of entities that are added and removed.
 
-/// Entities by their numbers. Numbers of those that are gone are given out again, the last one first.
+/// Entities by number. Numbers of removed entities are reused, the last one first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Numbered<T> {
     pub(super) list: Vec<Option<T>>,

@@ -1,5 +1,6 @@
-//! Euler operators: steps that change a body's topology one entity at a time, and keep the law of Euler and Poincaré (M. Mäntylä, *An introduction to solid
-//! modeling*, 1988). Each has an inverse, so that all can be undone.
+//! Euler operators: they change a body's topology one entity at a time, and preserve the
+//! Euler-Poincaré formula (M. Mäntylä, *An introduction to solid modeling*, 1988). Each has an
+//! inverse, so that all can be undone.
 
 use super::Counts;
 use super::numbered::Numbered;
@@ -8,7 +9,7 @@ use spinney_base::{Error, Result};
 /// A corner of a ring, at which an edge may begin or end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EulerCorner {
-    /// Where a half-edge begins.
+    /// The start of a half-edge.
     Of(u32),
     /// The vertex of a ring without edges.
     Lone(u32),
@@ -41,7 +42,7 @@ struct EulerFace {
     shell: u32,
 }
 
-/// Inverse of an operator that was applied.
+/// Inverse of an applied operator.
 #[derive(Clone, Copy, Debug)]
 enum Inverse {
     KillSolid(u32),
@@ -55,14 +56,15 @@ enum Inverse {
     KillFaceMakeRing { face: u32, gone: u32 },
 }
 
-/// Bodies that Euler operators make: shells, faces, rings, edges and vertices, with a half-edge for each side of an edge; the other one of `h` is `h ^ 1`.
+/// Bodies that are built by Euler operators: shells, faces, rings, edges and vertices, with a
+/// half-edge for each side of an edge; the twin of `h` is `h ^ 1`.
 ///
-/// After every operator `V - E + F - R = 2 (S - G)`.
+/// After every operator, `V - E + F - R = 2 (S - G)` holds.
 ///
 /// ```
 /// use spinney::raw::brep::topology::{EulerBody, EulerCorner};
 ///
-/// // A triangle, from a point: two edges one after the other, and one that closes them.
+/// // A triangle, from a point: two consecutive edges, and one that closes them.
 /// let mut body = EulerBody::default();
 /// let (_, ring) = body.make_solid([0, 0, 0]);
 /// let first = body.make_edge_vertex(EulerCorner::Lone(ring), [4, 0, 0])?;
@@ -91,7 +93,7 @@ fn refused(operator: &'static str, found: impl Into<String>, expected: &'static 
 }
 
 impl EulerBody {
-    /// Numbers of all entities.
+    /// Returns the counts of all entities.
     pub fn counts(&self) -> Counts {
         Counts {
             vertices: self.points.len(),
@@ -102,23 +104,24 @@ impl EulerBody {
         }
     }
 
-    /// Number of shells.
+    /// Returns the number of shells.
     pub fn shells(&self) -> u64 {
         self.shells.len()
     }
 
-    /// Number of handles of all shells.
+    /// Returns the number of handles of all shells.
     pub fn handles(&self) -> u64 {
         self.handles
     }
 
-    /// Whether the numbers of entities keep the law.
+    /// Returns whether the counts satisfy the Euler-Poincaré formula.
     pub fn is_lawful(&self) -> bool {
         let Counts { vertices, edges, faces, rings, .. } = self.counts();
         vertices + faces + 2 * self.handles == edges + rings + 2 * self.shells.len()
     }
 
-    /// Rings of points of all faces, the outer one first; rings without edges have one point.
+    /// Returns the rings of points of all faces, the outer ring first; a ring without edges has one
+    /// point.
     pub fn faces(&self) -> Vec<Vec<Vec<[i32; 3]>>> {
         let rings = |face: &EulerFace| face.rings.iter().map(|ring| self.points_of(*ring)).collect();
         self.faces.numbers().filter_map(|face| self.faces.get(face)).map(rings).collect()
@@ -135,7 +138,7 @@ impl EulerBody {
         }
     }
 
-    /// The half-edges of a ring, from one of them on.
+    /// Returns the half-edges of a ring, starting at one of them.
     fn around(&self, first: u32) -> Vec<u32> {
         let (mut found, mut at) = (vec![first], self.half(first).next);
         while at != first {
@@ -145,40 +148,40 @@ impl EulerBody {
         found
     }
 
-    /// The half-edge after another one in its ring.
+    /// Returns the half-edge after another one in its ring.
     ///
     /// # Errors
-    /// If there is none of that number.
+    /// If there is no half-edge of that number.
     pub fn next(&self, half_edge: u32) -> Result<u32> {
         Ok(self.half(self.check("next", half_edge)?).next)
     }
 
-    /// The point at which a half-edge begins.
+    /// Returns the point at which a half-edge begins.
     ///
     /// # Errors
-    /// If there is none of that number.
+    /// If there is no half-edge of that number.
     pub fn point(&self, half_edge: u32) -> Result<[i32; 3]> {
         let HalfEdge { origin, .. } = self.half(self.check("point", half_edge)?);
         Ok(self.points.get(origin).copied().unwrap_or_default())
     }
 
-    /// The face that a half-edge is of.
+    /// Returns the face of a half-edge.
     ///
     /// # Errors
-    /// If there is none of that number.
+    /// If there is no half-edge of that number.
     pub fn face(&self, half_edge: u32) -> Result<u32> {
         Ok(self.face_of(self.half(self.check("face", half_edge)?).ring))
     }
 
-    /// The ring that a half-edge is of.
+    /// Returns the ring of a half-edge.
     ///
     /// # Errors
-    /// If there is none of that number.
+    /// If there is no half-edge of that number.
     pub fn ring(&self, half_edge: u32) -> Result<u32> {
         Ok(self.half(self.check("ring", half_edge)?).ring)
     }
 
-    /// Takes back the last operator that is not taken back; whether there was one.
+    /// Undoes the last operator that was not undone; returns whether there was one.
     pub fn undo(&mut self) -> bool {
         let Some(inverse) = self.done.pop() else { return false };
         let known = self.done.len();
@@ -196,13 +199,15 @@ impl EulerBody {
             }
             Inverse::KillFaceMakeRing { face, gone } => self.kill_face_make_ring(face, gone),
         };
-        // Invariant: inverses are of the state that the operator left, which is there again.
+        // Invariant: an inverse refers to the state after its operator, which is restored here; it
+        // would fail in any other state.
         debug_assert!(undone.is_ok() && self.is_lawful());
         self.done.truncate(known);
         true
     }
 
-    /// *mvfs*: makes a vertex, a face with a ring without edges, and a shell; returns the face and the ring.
+    /// *mvfs*: makes a vertex, a face with a ring without edges, and a shell; returns the face and
+    /// the ring.
     pub fn make_solid(&mut self, point: [i32; 3]) -> (u32, u32) {
         let vertex = self.points.add(point);
         let shell = self.shells.add(());
@@ -213,7 +218,8 @@ impl EulerBody {
         (face, ring)
     }
 
-    /// The inverse of *mvfs*, which is only ever undone, since it would need the point again.
+    /// The inverse of *mvfs*. It is used by `undo` only, since its own inverse would need the
+    /// point.
     fn kill_solid(&mut self, face: u32) -> Result<()> {
         let found = self.faces.get(face).cloned().filter(|face| face.rings.len() == 1);
         let ring = found.as_ref().and_then(|face| self.rings.get(face.rings[0]).copied());
@@ -229,7 +235,7 @@ impl EulerBody {
         }
     }
 
-    /// *mev*: makes an edge from a corner to a new vertex; returns the half-edge that leads there.
+    /// *mev*: makes an edge from a corner to a new vertex; returns the half-edge to the vertex.
     ///
     /// # Errors
     /// If there is no such corner.
@@ -253,7 +259,7 @@ impl EulerBody {
         Ok(half)
     }
 
-    /// *kev*: takes away an edge and the vertex to which a half-edge leads, which has no other edge.
+    /// *kev*: removes an edge and the vertex at a half-edge's end, which must have no other edge.
     ///
     /// # Errors
     /// If there is no such half-edge, or the vertex has other edges.
@@ -284,11 +290,13 @@ impl EulerBody {
         Ok(())
     }
 
-    /// *mef*: makes an edge between two corners of a ring, which divides its face; returns the half-edge from the first to the second one, which stays in the face. The new
-    /// face is on the other side.
+    /// *mef*: makes an edge between two corners of a ring, which divides its face. Returns the
+    /// half-edge from the first to the second corner, which stays in the face. The new face is on
+    /// the other side.
     ///
     /// # Errors
-    /// If the half-edges that begin at the corners are not of one ring, or begin at one vertex.
+    /// If the half-edges that begin at the corners are in different rings, or begin at the same
+    /// vertex.
     pub fn make_edge_face(&mut self, from: u32, to: u32) -> Result<u32> {
         let (from, to) = (self.check("mef", from)?, self.check("mef", to)?);
         let (a, b) = (self.half(from), self.half(to));
@@ -311,10 +319,12 @@ impl EulerBody {
         Ok(half)
     }
 
-    /// *kef*: takes away an edge, and the face on the other side of a half-edge, which has no ring but that of the edge.
+    /// *kef*: removes an edge, and the face on the other side of a half-edge, which must have no
+    /// other ring.
     ///
     /// # Errors
-    /// If there is no such half-edge, both sides are of one face, or the other face has more rings.
+    /// If there is no such half-edge, both sides belong to one face, or the other face has more
+    /// rings.
     pub fn kill_edge_face(&mut self, half_edge: u32) -> Result<()> {
         let half = self.check("kef", half_edge)?;
         let (one, other) = (self.half(half), self.half(half ^ 1));
@@ -337,10 +347,11 @@ impl EulerBody {
         Ok(())
     }
 
-    /// *kemr*: takes away an edge of which both sides are of one ring; what is beyond it, to where the half-edge leads, becomes a ring of its own, whose number is returned.
+    /// *kemr*: removes an edge that has the same ring on both sides. The half of the ring beyond
+    /// the half-edge's end becomes a separate ring, whose number is returned.
     ///
     /// # Errors
-    /// If there is no such half-edge, or its sides are of different rings.
+    /// If there is no such half-edge, or its sides belong to different rings.
     pub fn kill_edge_make_ring(&mut self, half_edge: u32) -> Result<u32> {
         let half = self.check("kemr", half_edge)?;
         let (one, other) = (self.half(half), self.half(half ^ 1));
@@ -372,10 +383,12 @@ impl EulerBody {
         Ok(ring)
     }
 
-    /// *mekr*: makes an edge from a corner of a face to one of another of its rings, which becomes a part of the first one's ring; returns the half-edge that leads there.
+    /// *mekr*: makes an edge from a corner of a face to a corner of another of its rings, which is
+    /// merged with the first corner's ring. Returns the half-edge to the second corner.
     ///
     /// # Errors
-    /// If there are no such corners, they are of one ring or of different faces, or the second one is of the outer ring.
+    /// If there are no such corners, they belong to one ring or to different faces, or the second
+    /// one belongs to the outer ring.
     pub fn make_edge_kill_ring(&mut self, from: EulerCorner, to: EulerCorner) -> Result<u32> {
         let ((a, ring), (b, gone)) = (self.corner("mekr", from)?, self.corner("mekr", to)?);
         let face = self.face_of(ring);
@@ -411,7 +424,8 @@ impl EulerBody {
         Ok(half)
     }
 
-    /// *kfmrh*: takes away a face of one ring, which becomes a ring of another one: a handle of their shell, or, if they are of different shells, these become one.
+    /// *kfmrh*: removes a face of one ring, which becomes a ring of another face. This adds a
+    /// handle to their shell or, if they belong to different shells, merges the shells.
     ///
     /// # Errors
     /// If there are no such faces, or the second one has more rings.
@@ -441,7 +455,8 @@ impl EulerBody {
         Ok(())
     }
 
-    /// The inverse of *kfmrh*, which is only ever undone: whether it takes a handle or parts a shell is known from what was done.
+    /// The inverse of *kfmrh*. It is used by `undo` only, which knows whether it removes a handle
+    /// or splits a shell.
     fn part_face(&mut self, ring: u32, parted: Option<u32>) {
         let face = self.face_of(ring);
         let mut rings = self.faces.get(face).map(|face| face.rings.clone()).unwrap_or_default();
@@ -459,7 +474,7 @@ impl EulerBody {
         self.note(Inverse::KillFaceMakeRing { face, gone: made });
     }
 
-    /// All faces that hang together with one, over edges.
+    /// Returns all faces that are connected to a face by edges.
     fn faces_with(&self, face: u32) -> Vec<u32> {
         let mut found = vec![face];
         let mut next = 0;
@@ -493,7 +508,7 @@ impl EulerBody {
         }
     }
 
-    /// The vertex and the ring of a corner.
+    /// Returns the vertex and the ring of a corner.
     fn corner(&self, operator: &'static str, at: EulerCorner) -> Result<(u32, u32)> {
         match at {
             EulerCorner::Of(half) => {
@@ -518,7 +533,7 @@ impl EulerBody {
         }
     }
 
-    /// Adds an edge, which is not linked yet.
+    /// Adds an edge that is not linked yet.
     fn add_edge(&mut self, [from, to]: [u32; 2], [one, other]: [u32; 2]) -> u32 {
         let half = |origin, ring| HalfEdge { origin, next: 0, previous: 0, ring };
         2 * self.half_edges.add([half(from, one), half(to, other)])
@@ -529,7 +544,7 @@ impl EulerBody {
         self.change(to, |half| half.previous = from);
     }
 
-    /// Gives the half-edges around one to a ring.
+    /// Assigns the half-edges around one to a ring.
     fn give(&mut self, first: u32, ring: u32) {
         self.around(first).into_iter().for_each(|half| self.change(half, |half| half.ring = ring));
     }

@@ -1,11 +1,12 @@
-//! Volumes of shells, exact.
+//! Exact volumes of shells.
 
 use super::Topology;
 use crate::exact::vector::{cross, dot};
 
 impl Topology {
-    /// Six times the volume that a closed shell encloses, in cubes of the grid's step: a whole number. It is negative
-    /// for a cavity, whose faces look inwards. Of an open shell it means nothing.
+    /// Returns six times the volume that a closed shell encloses, an integer in cubed grid units.
+    /// It is negative for a cavity, whose faces point inwards. For an open shell, it is
+    /// meaningless.
     ///
     /// ```
     /// # use spinney::brep::{Face, Grid};
@@ -26,7 +27,7 @@ impl Topology {
         rings.map(|ring| self.six_cones(ring)).sum()
     }
 
-    /// Six times the volume of the cone from the point 0, 0, 0 over a ring.
+    /// Returns six times the volume of the cone from the point 0, 0, 0 over a ring.
     fn six_cones(&self, ring: u32) -> i128 {
         let mut half_edges = self.half_edges_of_ring(ring);
         let point = |half_edge: u32| self.point(self.origin(half_edge)).map(i128::from);

@@ -1,23 +1,26 @@
-//! Bytes of any meaning: each as it was behind the same bytes before, or in the context of the one before it.
+//! Packing of arbitrary bytes. A byte is predicted from the last occurrence of the preceding bytes,
+//! or coded in the context of the previous byte.
 
 use spinney_packing::Columns;
 
-/// Contexts of bits: whether a byte is the expected one, by how many before it were; and its bits, by the byte before it.
+/// Contexts of bits: whether a byte is as predicted, by the number of correct predictions before
+/// it; and its bits, by the previous byte.
 const EXPECTED: usize = 0;
 const BYTE: usize = EXPECTED + MAX_LENGTH + 1;
 pub(super) const CONTEXTS: (usize, usize) = (BYTE + 256 * 256, 0);
 
-/// Bytes that are alike, at most, as far as that matters.
+/// Maximum number of consecutive correct predictions that contexts distinguish.
 const MAX_LENGTH: usize = 31;
-/// Bytes that tell where to look for what follows.
+/// Number of preceding bytes whose last occurrence predicts the next byte.
 const KEY: usize = 4;
-/// Bits of the numbers of keys.
+/// Bits of the hash of these bytes.
 const KEY_BITS: u32 = 16;
 
-/// Codes so many bytes; those of `plain` when they are written.
+/// Codes `length` bytes; writes those of `plain`.
 pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Vec<u8> {
     let mut bytes: Vec<u8> = Vec::with_capacity(length.min(1 << 16));
-    // Where the bytes that follow a key were last, and where those that are expected now stand.
+    // Position after the last occurrence of each key, and position of the currently predicted byte
+    // (0: none).
     let mut places = vec![0u32; 1 << KEY_BITS];
     let (mut place, mut alike) = (0, 0);
     for at in 0..length {

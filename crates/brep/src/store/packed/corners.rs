@@ -1,23 +1,25 @@
-//! Corners of rings, by how faces hang together: most edges are there twice, in both directions, and the second face goes on where the first
-//! one came from.
+//! Packing of corners (the vertex indices of rings) by the connectivity of faces. Most edges occur
+//! twice, in opposite directions, so an edge's first face predicts corners of the second.
 
 use spinney_packing::Columns;
 
-/// Half edges that a vertex remembers in each direction.
+/// Number of half-edges that a vertex remembers in each direction.
 const REMEMBERED: usize = 4;
-/// No vertex.
+/// Marks a missing vertex.
 const NOBODY: u32 = u32::MAX;
 
-/// Bit contexts of candidates: by whether the corner is its ring's last, where the candidate comes from, and its rank.
+/// Bit contexts of candidates: by whether the corner is the ring's last one, the candidate's
+/// origin, and its rank.
 const CANDIDATE: usize = 0;
-/// Those of corners of the ring before, by their numbers there.
+/// Contexts of corners of the previous ring, by their index there.
 const AGAIN: usize = CANDIDATE + 2 * 3 * 4;
-/// Those of new vertices: by whether the corner is its ring's first, last or another one, and what the corner before was.
+/// Contexts of new vertices: by whether the corner is its ring's first, last or another one, and
+/// how the previous corner was coded.
 const NEW: usize = AGAIN + 3;
 /// Contexts of bits, and of numbers: those of first corners, and of others.
 pub(super) const CONTEXTS: (usize, usize) = (NEW + 3 * 3, 2);
 
-/// A way in which a corner was found, which the next one goes by.
+/// How a corner was coded; a context of the next one.
 #[derive(Clone, Copy)]
 enum Found {
     New,
@@ -25,25 +27,26 @@ enum Found {
     Told,
 }
 
-/// Vertices that were coded, and half edges between them that have no other half yet.
+/// Coded vertices, and their half-edges that have no opposite yet.
 pub(super) struct Corners {
     bits: usize,
     numbers: usize,
-    /// For each vertex the half edges that lead to it, the newest first: from where, and which corner came behind it.
+    /// For each vertex the incoming half-edges, the newest first: start vertex, and the corner
+    /// after the edge.
     into: Vec<[(u32, u32); REMEMBERED]>,
-    /// And those that begin at it: where they lead.
+    /// For each vertex the outgoing half-edges: end vertex.
     out: Vec<[u32; REMEMBERED]>,
-    /// Vertices that have been there: the number of the next one.
+    /// Number of the next new vertex.
     next: u32,
     /// The last corner that was not new.
     last: u32,
-    /// The first corners of the ring before.
+    /// The first corners of the previous ring.
     ring: [u32; 3],
     found: Found,
 }
 
 impl Corners {
-    /// No corners yet, of a block with so many vertices.
+    /// Creates the state for a block with this number of vertices.
     pub(super) fn new(bits: usize, numbers: usize, vertices: usize) -> Corners {
         Corners {
             bits,
@@ -57,7 +60,8 @@ impl Corners {
         }
     }
 
-    /// Codes the corners of a ring. `None` if they are no vertices, or not numbered in the order in which they come.
+    /// Codes the corners of a ring. Returns `None` if they are not vertices, or not numbered by
+    /// first occurrence.
     pub(super) fn code(&mut self, columns: &mut Columns<'_>, ring: &mut [u32]) -> Option<()> {
         for index in 0..ring.len() {
             ring[index] = self.corner(columns, ring, index)?;
@@ -87,7 +91,7 @@ impl Corners {
         Some(self.last).filter(|told| *told < self.next)
     }
 
-    /// A first corner, if the ring before has it among its first.
+    /// Codes a first corner, if it is one of the previous ring's first corners.
     fn of_ring_before(&self, columns: &mut Columns<'_>, corner: u32) -> Option<u32> {
         let candidates = self.ring.into_iter().enumerate().filter(|(_, candidate)| *candidate != NOBODY);
         candidates
@@ -96,7 +100,8 @@ impl Corners {
             .map(|(candidate, _)| candidate)
     }
 
-    /// A corner behind others, if a half edge that came before leads from it to the one before it, or to it from the first.
+    /// Codes another corner, if an earlier half-edge leads from it to the previous corner, or to it
+    /// from the first one.
     fn of_edges(&self, columns: &mut Columns<'_>, before: &[u32], corner: u32, is_last: bool) -> Option<u32> {
         let (first, last) = (before[0], before[before.len() - 1]);
         let into = self.into[last as usize].map(|(from, _)| from);
@@ -115,13 +120,13 @@ impl Corners {
         None
     }
 
-    /// The corner behind the half edge between two vertices, if it has no other half yet.
+    /// Returns the corner after the half-edge between two vertices, if it has no opposite yet.
     pub(super) fn behind(&self, from: u32, to: u32) -> Option<u32> {
         let found = self.into[to as usize].iter().find(|(before, _)| *before == from);
         found.map(|(_, behind)| *behind)
     }
 
-    /// Notes the half edges of a ring.
+    /// Records the half-edges of a ring.
     pub(super) fn join(&mut self, ring: &[u32]) {
         let at = |index: usize| ring[index % ring.len()];
         for index in 0..ring.len() {

@@ -1,5 +1,5 @@
-//! Blocks of exact faces in columns: corners by how faces hang together, planes by points of the grid that lie in them, and other vertices as
-//! the points that three planes have in common.
+//! Packing of blocks of exact faces in columns: corners by the connectivity of faces, planes by
+//! grid points in them, and off-grid vertices as intersections of three planes.
 
 use std::collections::HashMap;
 
@@ -17,9 +17,10 @@ mod contexts {
 
     /// Whether a plane is new: that of a face, and of an edge.
     pub(super) const NEW: usize = 0;
-    /// Whether an edge's plane is that of its other half, and whether it is that of the other half's face.
+    /// Whether an edge's plane is that of its opposite, and whether it is the plane of the
+    /// opposite's face.
     pub(super) const OTHER: usize = NEW + 2;
-    /// Whether a new vertex is one of the grid, by whether the one before was.
+    /// Whether a new vertex is on the grid, by whether the previous one was.
     pub(super) const ON_GRID: usize = OTHER + 2;
     pub(super) const CORNERS: usize = ON_GRID + 2;
     pub(super) const VERTICES: usize = CORNERS + corners::CONTEXTS.0;
@@ -29,7 +30,7 @@ mod contexts {
     pub(super) const SOURCE: usize = 1;
     pub(super) const RINGS: usize = 2;
     pub(super) const RING: usize = 3;
-    /// Differences of planes' numbers: of faces, and of edges.
+    /// Differences of plane numbers: of faces, and of edges.
     pub(super) const PLANE: usize = 4;
     pub(super) const COLOUR: usize = PLANE + 2;
     pub(super) const CORNER: usize = COLOUR + 3;
@@ -50,13 +51,14 @@ pub(super) struct Exact {
     sources: Vec<u64>,
     face_ends: Vec<u32>,
     ring_ends: Vec<u32>,
-    /// The vertex of each corner, and the plane of the edge behind it.
+    /// The vertex of each corner, and the plane of the edge after it.
     corners: Vec<[u32; 2]>,
     colours: Vec<[u8; 3]>,
 }
 
 impl Exact {
-    /// Codes the lists of a block that has so many bytes; those of `plain` when they are written. `None` if there are no such lists.
+    /// Codes the lists of a block of `length` bytes; writes those of `plain`. Returns `None` if the
+    /// lists are invalid.
     pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Option<Vec<u8>> {
         let mut words = Words(plain);
         let mut head = Vec::new();
@@ -68,12 +70,14 @@ impl Exact {
         Some(head)
     }
 
-    /// Lists of zeros, as many as the head of a block says, which must be that of a block of so many bytes.
+    /// Allocates lists of zeros with the counts of a block's header, which must be that of a block
+    /// of `length` bytes.
     fn blank(head: &[u8], length: usize) -> Option<Exact> {
-        // Invariant: no list has more than the block's bytes have room for, since these are as many as the lists take.
+        // Invariant: the lists take exactly the block's bytes, so no list is larger than the block.
+        // Otherwise, an untrusted header could request any amount of memory.
         let layout = ExactLayout::of(head).filter(|layout| layout.len() == length)?;
         let [faces, planes, grid, vertices, rings, corners] = layout.counts;
-        // (Where numbers of bytes have 32 bits, sums of more may come out as anything.)
+        // (On 32-bit targets, the sum of larger counts might overflow.)
         if layout.counts.iter().any(|count| *count > length) {
             return None;
         }
@@ -90,7 +94,7 @@ impl Exact {
         })
     }
 
-    /// Takes the lists from the words behind a block's head.
+    /// Reads the lists from the words after a block's header.
     fn take(&mut self, mut words: Words<'_>) {
         let is_wide = self.layout.has(exact::WIDE);
         self.points.take(&mut words, self.layout.widths);
@@ -103,7 +107,7 @@ impl Exact {
         words.bytes(self.colours.as_flattened_mut());
     }
 
-    /// Appends the lists as they stand behind a block's head.
+    /// Appends the lists in the format of a plain block.
     fn push(&self, bytes: &mut Vec<u8>) {
         let is_wide = self.layout.has(exact::WIDE);
         self.points.push(bytes, self.layout.widths);
@@ -148,21 +152,21 @@ impl Exact {
     }
 }
 
-/// Numbers of vertices and planes that were coded.
+/// Numbers of coded vertices and planes.
 struct Numbers {
     corners: Corners,
-    /// The numbers in the block of vertices by the order in which they come, and that order by these.
+    /// Vertex number in the block by first occurrence, and the inverse.
     vertices: Vec<u32>,
     order: HashMap<u32, u32>,
-    /// Vertices that came, of the grid and others, and how many there are.
+    /// Number of vertices so far, on the grid and others, and their total.
     next: [usize; 2],
     counts: [usize; 2],
     was_on_grid: bool,
-    /// Planes that came, how many there are, and the last one of each kind that was told.
+    /// Number of planes so far, their total, and the last explicitly coded plane of each kind.
     next_plane: u32,
     planes: u32,
     last: [u32; 2],
-    /// Planes of half edges, and of the faces that have them.
+    /// Planes of half-edges, and of their faces.
     edges: HashMap<(u32, u32), (u32, u32)>,
 }
 
@@ -231,7 +235,8 @@ impl Numbers {
         Some(())
     }
 
-    /// Codes the number of an edge's plane, with those of its other half and that one's face.
+    /// Codes the number of an edge's plane, predicted by the plane of its opposite and that of the
+    /// opposite's face.
     fn line(&mut self, columns: &mut Columns<'_>, other: Option<(u32, u32)>, line: u32) -> Option<u32> {
         if let Some((other, face)) = other {
             for (context, plane) in [other, face].into_iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Blocks of faces in columns.
+//! Packing of blocks of faces in columns.
 
 use spinney_packing::Columns;
 
@@ -43,7 +43,8 @@ pub(super) struct Faces {
 }
 
 impl Faces {
-    /// Codes the lists of a block that has so many bytes; those of `plain` when they are written. `None` if there are no such lists.
+    /// Codes the lists of a block of `length` bytes; writes those of `plain`. Returns `None` if the
+    /// lists are invalid.
     pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Option<Vec<u8>> {
         let mut words = Words(plain);
         let mut head = Vec::new();
@@ -55,12 +56,14 @@ impl Faces {
         Some(head)
     }
 
-    /// Lists of zeros, as many as the head of a block says, which must be that of a block of so many bytes.
+    /// Allocates lists of zeros with the counts of a block's header, which must be that of a block
+    /// of `length` bytes.
     fn blank(head: &[u8], length: usize) -> Option<Faces> {
-        // Invariant: no list has more than the block's bytes have room for, since these are as many as the lists take.
+        // Invariant: the lists take exactly the block's bytes, so no list is larger than the block.
+        // Otherwise, an untrusted header could request any amount of memory.
         let layout = BlockLayout::of(head).filter(|layout| layout.end == length)?;
         let BlockLayout { faces, vertices, rings, corners, .. } = layout;
-        // (Where numbers of bytes have 32 bits, sums of more may come out as anything.)
+        // (On 32-bit targets, the sum of larger counts might overflow.)
         if [faces, vertices, rings, corners].iter().any(|count| *count > length) {
             return None;
         }
@@ -82,7 +85,7 @@ impl Faces {
         })
     }
 
-    /// Takes the lists from the words behind a block's head.
+    /// Reads the lists from the words after a block's header.
     fn take(&mut self, mut words: Words<'_>) {
         self.vertices.as_flattened_mut().iter_mut().for_each(|at| *at = words.word() as i32);
         let lists = [&mut self.face_ends, &mut self.ring_ends, &mut self.parts];
@@ -94,7 +97,7 @@ impl Faces {
         self.corners.iter_mut().for_each(|corner| *corner = words.number(is_wide));
     }
 
-    /// Appends the lists as they stand behind a block's head.
+    /// Appends the lists in the format of a plain block.
     fn push(&self, bytes: &mut Vec<u8>) {
         push_words(bytes, self.vertices.as_flattened().iter().map(|at| *at as u32));
         let lists = [&self.face_ends, &self.ring_ends, &self.parts];

@@ -1,4 +1,4 @@
-//! Lists of faces of leaves, by those that leaves nearby have.
+//! Packing of the face lists of leaves, predicted by the lists of nearby leaves.
 
 use spinney_packing::Columns;
 
@@ -9,14 +9,15 @@ pub(super) struct Cell {
     pub width: u32,
 }
 
-/// Ways in which cells may lie to each other: apart, with an edge or a corner in common, or a wall across x, y or z.
+/// Number of relations of two cells: apart, with a common edge or corner, or with a common wall
+/// across x, y or z.
 const PLACES: usize = 5;
 
 impl Cell {
-    /// No cell, which is apart from all.
+    /// No cell; it is apart from all cells.
     const NONE: Cell = Cell { at: [u32::MAX; 3], width: 0 };
 
-    /// How another cell, which has no inside in common, lies to this one.
+    /// Returns the relation of another cell, with a disjoint interior, to this one.
     fn place_of(&self, other: &Cell) -> usize {
         let (mut common, mut wall) = (0, 0);
         for axis in 0..3 {
@@ -33,12 +34,13 @@ impl Cell {
     }
 }
 
-/// Faces that a leaf is asked for, at most: those that the leaves before had last.
+/// Maximum number of candidates for a leaf's faces: those that leaves had most recently.
 const RECENT: usize = 128;
 
 /// Contexts of bits: whether a face is in a list, by the last two cells that had it, and by rank.
 const RANKS: usize = 8;
-/// Contexts of numbers: faces in no cell nearby, their numbers, new faces, and their numbers in the model, the first and others.
+/// Contexts of numbers: count and numbers of faces of distant cells, count of new faces, and the
+/// numbers of new faces in the model, the first one and others.
 const FAR: usize = 0;
 const FAR_NUMBER: usize = 1;
 const NEW: usize = 2;
@@ -47,24 +49,24 @@ const NEXT: usize = 4;
 /// Contexts of bits, and of numbers.
 pub(super) const CONTEXTS: (usize, usize) = (PLACES * PLACES * RANKS, 5);
 
-/// A face that a leaf had, and the last two cells that had it, the last one first.
+/// A face of a leaf, and the last two cells that had it, the last one first.
 #[derive(Clone, Copy)]
 struct Recent {
     face: u32,
     cells: [Cell; 2],
 }
 
-/// Faces of one kind that leaves have.
+/// Faces of one kind (on the grid, or with off-grid vertices) in leaves.
 pub(super) struct FaceLists {
     bits: usize,
     counts: usize,
-    /// The newest last; a few more than are used.
+    /// The newest last; may have a few more than are used.
     recent: Vec<Recent>,
-    /// Numbers in the model of all faces of the segment; those that no leaf has had yet are to be written.
+    /// Numbers in the model of all faces of the segment; a reader fills them in as faces occur.
     pub numbers: Vec<u32>,
-    /// Faces that leaves have had.
+    /// Number of faces that have occurred.
     known: usize,
-    /// The number in the model of the last new one.
+    /// The number in the model of the last new face.
     last: u32,
 }
 
@@ -73,8 +75,8 @@ impl FaceLists {
         FaceLists { bits, counts, recent: Vec::new(), numbers, known: 0, last: 0 }
     }
 
-    /// Codes the own numbers of the faces of a cell, ascending, which take at least a byte each of the room that there is. `None` if
-    /// there are no such faces, or they are not numbered in the order in which they come.
+    /// Codes the segment's numbers of the faces of a cell, ascending. Each takes at least a byte of
+    /// `room`. Returns `None` if the faces are invalid, or not numbered by first occurrence.
     pub(super) fn code(
         &mut self,
         columns: &mut Columns<'_>,
@@ -86,7 +88,7 @@ impl FaceLists {
         let mut list = self.of_cells_nearby(columns, cell, given, oldest);
         let mut expected = list.first().map(|recent| self.numbers[recent.face as usize]);
         let is_in = |list: &[Recent], face: u32| list.iter().any(|recent| recent.face == face);
-        // Those that no cell nearby has had of late, the last ones first.
+        // Faces that no cell nearby had recently, the last ones first.
         let known = self.known as u32;
         let far = given.iter().rev().filter(|face| **face < known && !is_in(&list, **face));
         let far: Vec<u32> = far.copied().collect();
@@ -124,7 +126,8 @@ impl FaceLists {
         Some(list.iter().map(|recent| recent.face).collect())
     }
 
-    /// Codes which of the faces that leaves had lately are in a cell, of those whose last cell it touches; they are taken from these.
+    /// Codes which recent faces are in a cell, of those whose last cell touches it. They are
+    /// removed from the recent faces.
     fn of_cells_nearby(
         &mut self,
         columns: &mut Columns<'_>,
@@ -150,7 +153,7 @@ impl FaceLists {
                 first = at;
             }
         }
-        // (Those that stay move together.)
+        // (Compacts the remaining faces.)
         let mut next = first;
         for at in first..self.recent.len() {
             if self.recent[at].face != u32::MAX {
@@ -162,7 +165,7 @@ impl FaceLists {
         list
     }
 
-    /// Takes a face from those that leaves had lately, of which that with a number is the oldest.
+    /// Removes a face from the recent faces, from index `oldest` on, and returns it.
     fn take(&mut self, face: u32, oldest: usize) -> Option<Recent> {
         let at = self.recent[oldest..].iter().position(|recent| recent.face == face)?;
         Some(self.recent.remove(oldest + at))

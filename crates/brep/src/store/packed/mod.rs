@@ -1,4 +1,5 @@
-//! Packed pieces: what stands in blocks, segments and tables, as columns of numbers that are coded by those around them.
+//! Packed chunks: contents of blocks, segments and tables as columns of numbers that are coded in
+//! the context of nearby values.
 
 mod bytes;
 mod corners;
@@ -19,37 +20,40 @@ use self::faces::Faces;
 use self::segments::Segment;
 use super::pieces::List;
 
-/// First byte of a piece in a file whose pieces may be packed: plain bytes follow, or packed ones.
+/// First byte of a chunk in a file with packed chunks: plain or packed bytes follow.
 pub(super) const PLAIN: u8 = 0;
 pub(super) const PACKED: u8 = 1;
 
-/// Bytes of a packed piece before its columns: the first one, the plain piece's checksum, and how many bytes it has.
+/// Bytes of a packed chunk before its columns: the first byte, the plain chunk's checksum, and its
+/// length.
 const HEAD: usize = 9;
 
-/// Bytes of a table's piece, or of a block of exact faces, that are packed: their numbers take much more room while they are coded.
+/// Maximum plain bytes of a packed table chunk or block of exact faces, whose decoding takes a
+/// multiple of this memory.
 const MAX_BYTES: u64 = 1 << 20;
 
-/// Whether a piece of so many bytes may be packed into so many.
+/// Returns whether a chunk of `plain` bytes may be packed into `packed` bytes.
 fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
     let is_short = matches!(list, List::Faces | List::Segments) || plain <= MAX_BYTES;
     is_short && may_unpack(packed, plain)
 }
 
-/// The reason why bytes are no packed piece.
+/// The reason why bytes are not a packed chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Damage(pub(super) &'static str);
 
-/// The bytes of a piece in a file whose pieces may be packed.
+/// Packs a chunk, if possible, for a file with packed chunks.
 pub(super) fn pack(list: List, plain: &[u8]) -> Vec<u8> {
-    // Invariant: nothing is written that does not become the same bytes again. What columns have no words for (another writer's lists, or
-    // damaged ones) stays plain; and a mistake in here loses no data.
+    // Invariant: every packed chunk unpacks to the same bytes, which is verified here. Contents
+    // that columns cannot represent (of other writers, or corrupt) stay plain, and a bug in the
+    // coder loses no data.
     let packed = packed(list, plain).filter(|packed| packed.len() <= plain.len());
     let packed = packed.filter(|packed| unpack(list, packed).is_ok_and(|unpacked| unpacked == plain));
     packed.unwrap_or_else(|| [&[PLAIN], plain].concat())
 }
 
 fn packed(list: List, plain: &[u8]) -> Option<Vec<u8>> {
-    // (Nobody has to pack what nobody may unpack.)
+    // (Do not pack what readers would reject.)
     let bytes = plain.len() as u64;
     let length = u32::try_from(bytes).ok().filter(|_| may_be_packed(list, bytes, bytes))?;
     let (bits, numbers) = contexts(list);
@@ -62,7 +66,7 @@ fn packed(list: List, plain: &[u8]) -> Option<Vec<u8>> {
     Some(packed)
 }
 
-/// The plain piece that a packed one was made of.
+/// Unpacks a chunk.
 pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Damage> {
     let (head, columns) = packed.split_first_chunk::<HEAD>().ok_or(Damage("too few bytes"))?;
     let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
@@ -82,7 +86,7 @@ pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Damage> {
     Ok(plain)
 }
 
-/// Contexts of bits and of numbers that pieces of a list have.
+/// Returns the numbers of contexts of bits and of numbers for a list's chunks.
 fn contexts(list: List) -> (usize, usize) {
     match list {
         List::Faces => faces::CONTEXTS,
@@ -92,7 +96,7 @@ fn contexts(list: List) -> (usize, usize) {
     }
 }
 
-/// Codes a piece that has so many bytes; that of `plain` when it is written. `None` if there is none like that.
+/// Codes a chunk of `length` bytes; writes `plain`. Returns `None` if it is invalid.
 fn code(list: List, columns: &mut Columns<'_>, length: usize, plain: &[u8]) -> Option<Vec<u8>> {
     match list {
         List::Faces => Faces::code(columns, length, plain),

@@ -1,20 +1,21 @@
-//! Places and colours of vertices, by those of the vertices around.
+//! Packing of vertex positions and colours, predicted by neighbouring vertices.
 
 use spinney_packing::Columns;
 
 use super::corners::Corners;
 
-/// Ways in which a place is expected.
+/// Number of prediction methods.
 const WAYS: usize = 5;
-/// Contexts of bits: whether a coordinate is the expected one, by way, axis, and that of the axes before.
+/// Contexts of bits: whether a coordinate is as predicted, by method, axis, and the results of the
+/// axes before.
 const SAME: usize = 7;
-/// Contexts of numbers: colours by channel, and coordinates by way and axis.
+/// Contexts of numbers: colours by channel, and coordinates by method and axis.
 const COLOUR: usize = 0;
 const PLACE: usize = COLOUR + 3;
 /// Contexts of bits, and of numbers.
 pub(super) const CONTEXTS: (usize, usize) = (WAYS * SAME, PLACE + 3 * WAYS);
 
-/// Vertices that have places.
+/// Vertices whose positions are known.
 pub(super) struct Places {
     bits: usize,
     numbers: usize,
@@ -23,7 +24,8 @@ pub(super) struct Places {
 }
 
 impl Places {
-    /// No places yet. Codes the steps that coordinates have in common; `None` if they are too large.
+    /// Codes the common step of the coordinates per axis, before any position. Returns `None` if
+    /// the steps are too large.
     pub(super) fn new(
         columns: &mut Columns<'_>,
         bits: usize,
@@ -35,7 +37,8 @@ impl Places {
         Some(Places { bits, numbers, steps, known: 0 })
     }
 
-    /// Codes the place of the vertex at a corner of a ring, and its colour, if it is the next one that has none.
+    /// Codes position and colour of the vertex at a corner of a ring, if it is the next unknown
+    /// vertex.
     pub(super) fn code(
         &mut self,
         columns: &mut Columns<'_>,
@@ -62,7 +65,7 @@ impl Places {
         };
         let (way, expected) = match opposite {
             Some((way, opposite)) => {
-                // A parallelogram, over the edge of another triangle or in the face itself.
+                // A parallelogram, across the edge of another triangle or in the face itself.
                 let [a, b, c] = [before, behind, opposite].map(of);
                 (way, [0, 1, 2].map(|axis| a[axis] + b[axis] - c[axis]))
             }
@@ -100,14 +103,14 @@ impl Places {
     }
 }
 
-/// The step of coordinates along an axis: all are a first one and multiples of it.
+/// The step of coordinates along an axis: they are a first coordinate plus multiples of the step.
 struct Step {
     first: i32,
     step: i64,
 }
 
 impl Step {
-    /// Codes the greatest step that coordinates have.
+    /// Codes the largest common step of coordinates.
     fn code(columns: &mut Columns<'_>, coordinates: impl Iterator<Item = i32> + Clone) -> Option<Step> {
         let first = coordinates.clone().next().unwrap_or(0);
         let greatest =
@@ -118,7 +121,7 @@ impl Step {
         Some(Step { first: first.ok()? as i32, step: step.ok()?.max(1).into() })
     }
 
-    /// A coordinate in steps, rounded down.
+    /// Returns a coordinate in steps, rounded down.
     fn number(&self, coordinate: i64) -> i64 {
         (coordinate - i64::from(self.first)).div_euclid(self.step)
     }

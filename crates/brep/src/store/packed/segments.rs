@@ -1,4 +1,5 @@
-//! Segments of the octree in columns: states in preorder, each in the context of those of the siblings before it, and what leaves have.
+//! Packing of octree segments in columns: states in preorder, in the context of earlier siblings'
+//! states, and the contents of leaves.
 
 use spinney_packing::Columns;
 
@@ -8,26 +9,26 @@ use super::super::segment::{
 use super::lists::{Cell, FaceLists};
 use super::{lists, words::Words};
 
-/// States that siblings may have, and that there is none.
+/// Number of sibling states, including a missing sibling.
 const NEIGHBOURS: usize = 6;
 const NONE: usize = 5;
-/// Levels below the segment's own, at most: more than there are.
+/// Maximum number of levels below the segment's root, more than octrees have.
 const MAX_LEVELS: u32 = 20;
 
 /// Contexts of bits and of numbers.
 mod contexts {
     use super::{NEIGHBOURS, lists};
 
-    /// By the siblings across the walls along x, y and z that are before.
+    /// By the states of the earlier siblings across the walls along x, y and z.
     pub(super) const STATE: usize = 0;
-    /// By how many faces the leaf has.
+    /// By the number of the leaf's faces.
     pub(super) const KIND: usize = STATE + NEIGHBOURS.pow(3) * 8;
-    /// By kind, and how many faces it has.
+    /// By kind, and number of faces.
     pub(super) const RULE: usize = KIND + 8 * 4;
-    /// By whether these siblings are VOID or FULL, and what the leaf before said.
+    /// By whether these siblings are VOID or FULL, and the flag of the previous leaf.
     pub(super) const INSIDE: usize = RULE + 4 * 4 * 4;
     pub(super) const NEAR: usize = INSIDE + 3 * 3 * 3 * 2;
-    /// Of both kinds of faces.
+    /// For both kinds of faces.
     pub(super) const LISTS: usize = NEAR + 1;
     pub(super) const BITS: usize = LISTS + 2 * lists::CONTEXTS.0;
     pub(super) const NUMBERS: usize = 2 * lists::CONTEXTS.1;
@@ -36,24 +37,25 @@ mod contexts {
 /// Contexts of bits and of numbers.
 pub(super) const CONTEXTS: (usize, usize) = (contexts::BITS, contexts::NUMBERS);
 
-/// A segment that is coded.
+/// State of the coding of a segment.
 pub(super) struct Segment<'p> {
-    /// Of faces on the grid, and of those beside it.
+    /// On-grid faces, and faces with off-grid vertices.
     faces: [FaceLists; 2],
     words: Vec<u32>,
     leaves: Vec<u8>,
-    /// Bytes of all leaves.
+    /// Total bytes of the leaves.
     room: usize,
-    /// The number of the next record.
+    /// Index of the next record.
     next: usize,
-    /// Whether the leaf before said that its least corner is inside.
+    /// Whether the minimum corner of the previous leaf is inside.
     was_inside: bool,
-    /// Leaves that are to be written.
+    /// Remaining leaves of the writer's input.
     given: &'p [u8],
 }
 
 impl<'p> Segment<'p> {
-    /// Codes a segment that has so many bytes; that of `plain` when it is written. `None` if there is no such segment.
+    /// Codes a segment of `length` bytes; writes that of `plain`. Returns `None` if the segment is
+    /// invalid.
     pub(super) fn code(columns: &mut Columns<'_>, length: usize, plain: &'p [u8]) -> Option<Vec<u8>> {
         let mut words = Words(plain);
         let counts = [0; 4].map(|_| columns.number(words.word().into()) as u32 as usize);
@@ -61,7 +63,8 @@ impl<'p> Segment<'p> {
         let bytes = HEAD as u64
             + 4 * [faces, exact, nodes].map(|count| count as u64).iter().sum::<u64>()
             + room as u64;
-        // Invariant: no list has more than the segment's bytes have room for, since these are as many as the lists take.
+        // Invariant: the lists take exactly the segment's bytes, so no list is larger than the
+        // segment. Otherwise, an untrusted header could request any amount of memory.
         if bytes != length as u64 || nodes == 0 {
             return None;
         }
@@ -118,7 +121,7 @@ impl<'p> Segment<'p> {
         (self.next == self.words.len() && self.leaves.len() == self.room).then_some(())
     }
 
-    /// Codes a node, and what it lists.
+    /// Codes a node, and its lists.
     fn node(
         &mut self,
         columns: &mut Columns<'_>,
@@ -171,9 +174,9 @@ impl<'p> Segment<'p> {
         Some(())
     }
 
-    /// Codes a list of faces of one of the two kinds; returns how many there are.
+    /// Codes a list of faces of one kind; returns its length.
     fn list(&mut self, columns: &mut Columns<'_>, kind: usize, cell: &Cell) -> Option<usize> {
-        // (When it is read, nothing is given, and what is coded is what there is.)
+        // (A reader has no input; the decoded list is the result.)
         let given = if self.given.is_empty() { Vec::new() } else { take_list(&mut self.given)? };
         let room = self.room.checked_sub(self.leaves.len())?;
         let list = self.faces[kind].code(columns, cell, &given, room)?;

@@ -1,4 +1,4 @@
-//! Pieces of all kinds, round and round, and files of them.
+//! Round trips of chunks of all kinds, and packed files.
 
 use super::super::block::BlockBuilder;
 use super::super::segment::{INNER, LEAF, push_leaf};
@@ -40,7 +40,7 @@ fn ball(middle: [i32; 3], radius: f64) -> Vec<[[i32; 3]; 3]> {
     all
 }
 
-/// A file of triangles, which have colours, and are of two parts.
+/// A file of triangles with colours and two parts.
 fn built(triangles: &[[[i32; 3]; 3]], codec: Codec) -> Vec<u8> {
     let grid = Grid { bits: BITS, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let folder = tempfile::tempdir().unwrap();
@@ -71,7 +71,7 @@ fn opened(file: &[u8]) -> ExactModel {
     ExactModel::from_bytes(file.to_vec()).unwrap()
 }
 
-/// A ball without another one: faces have corners beside the grid.
+/// The difference of two balls: faces have off-grid vertices.
 fn bitten(codec: Codec) -> Vec<u8> {
     let [a, b] = [([5000; 3], 3000.0), ([7000, 6500, 6100], 2400.0)]
         .map(|(middle, radius)| opened(&built(&ball(middle, radius), codec)));
@@ -82,7 +82,7 @@ fn bitten(codec: Codec) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// Sections of a file by their tags: where they start, and their bytes.
+/// Sections of a file: tags, offsets, and lengths.
 fn sections(file: &[u8]) -> Vec<([u8; 4], usize, usize)> {
     let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
     let trailer = file.len() - 16 - word(file.len() - 16);
@@ -93,7 +93,7 @@ fn sections(file: &[u8]) -> Vec<([u8; 4], usize, usize)> {
     (0..word(trailer + 32)).map(section).collect()
 }
 
-/// Pieces of all lists of a file.
+/// Chunks of all lists of a file.
 fn pieces(file: &[u8]) -> Vec<(List, Vec<u8>)> {
     let word = |at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
     let mut all = Vec::new();
@@ -130,7 +130,7 @@ fn pieces_of_all_kinds_become_small_and_come_back() {
     assert!(seen.iter().all(|seen| *seen > 0), "{seen:?}");
 }
 
-/// Faces with holes, of several parts, with anything for sources, and random corners.
+/// Faces with holes, of several parts, with arbitrary sources and random vertices.
 #[test]
 fn odd_blocks_come_back() {
     let mut random = random(7);
@@ -167,7 +167,7 @@ fn odd_blocks_come_back() {
     }
 }
 
-/// Lists that nobody writes like this are kept as they are.
+/// Lists that the writer does not produce are stored unchanged.
 #[test]
 fn what_is_not_in_order_stays_plain() {
     let mut random = random(3);
@@ -182,7 +182,8 @@ fn what_is_not_in_order_stays_plain() {
             stay(list, &noise);
         }
     }
-    // A block whose only face has its vertices the other way round, and a segment whose leaf has its faces so.
+    // A block whose only face has its vertices in reverse order, and a segment with reversed faces
+    // in a leaf.
     let words = |words: &[u32]| -> Vec<u8> { words.iter().flat_map(|word| word.to_le_bytes()).collect() };
     let mut block = words(&[1, 3, 1, 3, 4]);
     block.extend(words(&[1 << 20, 2, 3, 4, 5, 6, 7, 8, 9, 0]));
@@ -214,14 +215,14 @@ fn damaged_pieces_are_told() {
                 let at = random(damaged.len() as u64) as usize;
                 damaged[at] ^= 1 << random(8);
             }
-            // (Some bits do not matter: then it is the same piece.)
+            // (Some bits do not matter: the result is then the same chunk.)
             assert!(
                 unpack(list, &damaged).is_ok_and(|unpacked| unpacked == plain)
                     || unpack(list, &damaged).is_err()
             );
         }
         for _ in 0..40 {
-            // Whatever the checksum is, and however long it says to be.
+            // Any checksum, and any declared length.
             let length = [0, 20, 1 << 16, 1 << 20, u32::MAX][random(5) as usize];
             let mut noise = vec![PACKED, 1, 2, 3, 4];
             noise.extend(u32::to_le_bytes(length));
@@ -266,7 +267,7 @@ fn packed_files_answer_as_plain_ones() {
     }
 }
 
-/// A file with a byte changed, checksums of its lists and sections made right.
+/// Recomputes the checksums of a file's lists and sections after a change.
 fn sealed(mut file: Vec<u8>) -> Vec<u8> {
     let word = |file: &[u8], at: usize| u32::from_le_bytes(file[at..at + 4].try_into().unwrap()) as usize;
     let lists = [*b"FACE", *b"DIRE", *b"EXAC", *b"OBJE", *b"FVAL"];
@@ -307,7 +308,7 @@ fn hostile_files_are_refused() {
         let at = 24 + random((model - 24) as u64) as usize;
         hostile[at] ^= 1 + random(255) as u8;
         let Ok(model) = ExactModel::from_bytes(sealed(hostile)) else { continue };
-        // (What does not matter may be changed: then all is as it was.)
+        // (Irrelevant bytes may be changed without effect.)
         let findings = model.verify(64 << 20, &()).unwrap();
         let is_damaged =
             model.each(&mut |_| Ok(())).is_err_and(|error| matches!(error, Error::Corrupt { .. }));

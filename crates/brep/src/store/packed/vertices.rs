@@ -1,4 +1,4 @@
-//! Planes and vertices of exact faces, by what lies in what.
+//! Packing of planes and vertices of exact faces, predicted by incidence.
 
 use bnum::cast::As;
 use bnum::types::I256;
@@ -9,29 +9,30 @@ use super::words::{Words, push_words};
 use crate::arrangement::{ExactPlane, ExactPoint, wide};
 use crate::exact::bounds::{NORMAL_BITS, OFFSET_BITS};
 
-/// Contexts of bits: whether a normal is that of the plane along an axis, whether its parts are 0 by axis and those before, whether its
-/// product is that with a known point, and its sign; and whether a vertex is the point of its planes.
+/// Contexts of bits: whether a normal is that of the plane along an axis, whether its components
+/// are 0 by axis and those before, whether its offset is that of a known point, and its sign; and
+/// whether a vertex is the intersection of its planes.
 const ALONG: usize = 0;
 const ZERO: usize = ALONG + 1;
 const PRODUCT: usize = ZERO + 7;
 const SIGN: usize = PRODUCT + 1;
 const COMMON: usize = SIGN + 1;
-/// Contexts of numbers: coordinates by axis, and parts of normals.
+/// Contexts of numbers: coordinates by axis, and normal components.
 const PLACE: usize = 0;
 const PART: usize = PLACE + 3;
 /// Contexts of bits, and of numbers.
 pub(super) const CONTEXTS: (usize, usize) = (COMMON + 1, PART + 3);
 
-/// No vertex, and no plane.
+/// Marks a missing vertex or plane.
 const NOBODY: u32 = u32::MAX;
 
-/// Vertices and planes that lie in each other, by the corners that have them first.
+/// Incidences of vertices and planes, from the corners where they occur first.
 pub(super) struct Uses {
-    /// For each plane a vertex of the grid in it.
+    /// For each plane, a grid vertex in it.
     points: Vec<u32>,
-    /// For each plane the ends of an edge between vertices of the grid, and the plane of its face.
+    /// For each plane, the ends of an edge between grid vertices, and the plane of its face.
     edges: Vec<[u32; 3]>,
-    /// For each other vertex three planes that it lies in.
+    /// For each off-grid vertex, three planes that contain it.
     planes: Vec<[u32; 3]>,
 }
 
@@ -44,7 +45,7 @@ impl Uses {
         }
     }
 
-    /// Notes a ring of a face, whose vertices below a number are of the grid. All numbers must be of what there is.
+    /// Records a ring of a face; vertices below `grid` are on the grid. All numbers must be valid.
     pub(super) fn note(&mut self, plane: u32, ring: &[[u32; 2]], grid: u32) {
         for index in 0..ring.len() {
             let [vertex, line] = ring[index];
@@ -77,7 +78,7 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// So many, of zeros.
+    /// Allocates zeros.
     pub(super) fn blank(planes: usize, grid: usize, vertices: usize) -> Points {
         let zero = wide(0);
         Points {
@@ -117,7 +118,8 @@ impl Points {
         }
     }
 
-    /// Codes all of them. `None` if a plane's numbers have more bits than there may be, or a vertex is told by planes without a point.
+    /// Codes all planes and vertices. Returns `None` if a plane's numbers have too many bits, or a
+    /// vertex is coded by planes that do not intersect in a point.
     pub(super) fn code(
         &mut self,
         columns: &mut Columns<'_>,
@@ -161,7 +163,7 @@ impl Points {
     ) -> Option<ExactPlane> {
         let given = &self.planes[number];
         let [from, to, face] = uses.edges[number];
-        // Planes of edges lie along the axis on which that of the face looks most.
+        // Planes of edges are parallel to the main axis of the face's normal.
         let along =
             self.planes[..number].get(face as usize).filter(|face| face.normal != [0; 3]).map(|face| {
                 let [from, to] = [from, to].map(|vertex| self.grid[vertex as usize]);
@@ -198,14 +200,15 @@ impl Points {
     }
 }
 
-/// The point that three planes have in common, not reduced: its coordinates, and their divisor.
+/// Returns the intersection of three planes, not reduced: its coordinates, and their divisor.
 fn point_of(all: &[ExactPlane], planes: &[u32; 3]) -> Option<([I256; 3], I256)> {
     let [a, b, c] = planes.map(|plane| all.get(plane as usize));
     let point = ExactPoint::of_planes([a?, b?, c?]);
     (!point.weight.is_zero()).then_some((point.at, point.weight))
 }
 
-/// The factor by which the numbers of a point are larger than those that another way of computing it gave, if it has at most 63 bits.
+/// Returns the factor between two homogeneous representations of the same point, if it is an
+/// integer of at most 63 bits.
 fn factor((at, divisor): &([I256; 3], I256), (common, product): &([I256; 3], I256)) -> Option<u64> {
     if divisor.is_zero() || divisor.is_negative() {
         return None;
@@ -219,7 +222,7 @@ fn factor((at, divisor): &([I256; 3], I256), (common, product): &([I256; 3], I25
     is_it.then(|| factor.as_())
 }
 
-/// Codes the lowest bytes of a number, eight at a time.
+/// Codes the low bytes of a number, eight at a time.
 fn code_as_it_stands(columns: &mut Columns<'_>, value: &mut I256, width: usize) {
     let mut bytes = Vec::with_capacity(width);
     push(&mut bytes, value, width);

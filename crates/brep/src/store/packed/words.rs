@@ -1,8 +1,8 @@
-//! Numbers of pieces, one behind the other.
+//! Reading and writing of a chunk's numbers.
 
 use spinney_packing::Columns;
 
-/// Bytes that are read number by number; zeros behind their end.
+/// Bytes that are read number by number, with zeros after the end.
 #[derive(Clone, Copy)]
 pub(super) struct Words<'a>(pub(super) &'a [u8]);
 
@@ -21,7 +21,7 @@ impl Words<'_> {
         u64::from_le_bytes(self.take())
     }
 
-    /// A number of four bytes or two.
+    /// Reads a number of four or two bytes.
     pub(super) fn number(&mut self, is_wide: bool) -> u32 {
         if is_wide { self.word() } else { u16::from_le_bytes(self.take()).into() }
     }
@@ -36,7 +36,7 @@ pub(super) fn push_words(bytes: &mut Vec<u8>, words: impl IntoIterator<Item = u3
     words.into_iter().for_each(|word| bytes.extend_from_slice(&word.to_le_bytes()));
 }
 
-/// Appends numbers of four bytes or two each.
+/// Appends numbers of four or two bytes.
 pub(super) fn push_numbers(bytes: &mut Vec<u8>, numbers: &[u32], is_wide: bool) {
     for number in numbers {
         match is_wide {
@@ -46,7 +46,7 @@ pub(super) fn push_numbers(bytes: &mut Vec<u8>, numbers: &[u32], is_wide: bool) 
     }
 }
 
-/// Codes where lists end, by how much longer than the least each is.
+/// Codes the ends of lists, by the excess of each length over the minimum.
 pub(super) fn code_ends(columns: &mut Columns<'_>, context: usize, least: u32, ends: &mut [u32]) {
     let mut end = 0u32;
     for next in ends {
