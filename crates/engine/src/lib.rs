@@ -1,4 +1,4 @@
-//! Trees of cells: sources, the two formats, building, questions, operations.
+//! Trees of cells: sources, the two file formats, building, queries and operations.
 
 pub mod dataset;
 pub mod ops;

@@ -1,4 +1,4 @@
-//! Contour lines and bands of any dataset.
+//! Contour lines and contour bands of a dataset.
 
 use super::{Dataset, Tree};
 use crate::query::{
@@ -11,16 +11,19 @@ use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
-    /// Hands out the contour lines of a quadtree's first channel, at any level of detail: where values that go straight from one cell's
-    /// centre to the next are equal to one of some levels.
+    /// Traces the contour lines of a quadtree's first channel, at any level of detail, and passes
+    /// each to `each`. Values are interpolated linearly between the centres of adjacent cells.
     ///
-    /// Higher values are to the right of a line, as seen in the world with y going up. A value that equals a level counts as above it; four
-    /// cells that make a saddle, by their mean. At the edge of the picture lines go on to the edge of its cells;
-    /// [`ContourEnds`](crate::query::ContourEnds) says what they do where VOID cells are near. Lines of a level never touch: they stay a
-    /// millionth of a cell away from the centres of cells. Lines are whole, and closed ones end at their first point.
+    /// Higher values are to the right of a line, seen in the world with y pointing up. A value
+    /// equal to a contour level counts as above it. In a saddle of four cells, the mean of the four
+    /// values decides. At the border of the raster, lines extend to the outer edge of the cells;
+    /// [`ContourEnds`](crate::query::ContourEnds) says what they do next to VOID cells. Lines of
+    /// one contour level never touch, because they keep a distance of a millionth of a cell from
+    /// cell centres. Each line is passed as a whole, and a closed line ends at its first point.
     ///
-    /// Reads only where [statistics](Dataset::statistics) cannot exclude a line, on all threads of the current pool. The order of the lines
-    /// depends on the tree alone. Besides `request.memory`, memory goes with the lines that cross a row of the picture.
+    /// Uses all threads of the current pool and reads only where [statistics](Dataset::statistics)
+    /// cannot exclude a line. The order of the lines depends only on the tree. Memory use is
+    /// `request.memory` plus memory in proportion to the lines that cross a row of the raster.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -44,8 +47,9 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If the tree is an octree, or of classes, or damaged, there is no such level, the contours' levels are none or far too close, a temporary file
-    /// cannot be written, `each` fails, or on interruption.
+    /// If the tree is an octree, is categorical or corrupt, the tree level does not exist, there
+    /// are no contour levels or they are far too close, a temporary file cannot be written, `each`
+    /// fails, or on cancellation.
     pub fn contours(
         &self,
         request: &ContourRequest,
@@ -55,13 +59,16 @@ impl Dataset {
         self.trace(request, false, progress, each)
     }
 
-    /// Hands out the areas between neighbouring levels as polygons with holes: as [`Dataset::contours`], whose lines are their borders. All
-    /// polygons together cover the cells that are not VOID, each of these once. Outer rings are counterclockwise, holes
-    /// clockwise. What is below the first of [some values](crate::query::ContourLevels::At) or above the last is a band, too, and ends at the
-    /// tree's least or greatest value.
+    /// Traces the areas between consecutive contour levels and passes each to `each`, as a polygon
+    /// with holes. The polygons are bounded by the lines of [`Dataset::contours`]. Together they
+    /// cover all cells that are not VOID, each exactly once. Outer rings are counterclockwise,
+    /// holes clockwise. The ranges below the first of [explicit
+    /// levels](crate::query::ContourLevels::At) and above the last are bands, too; they end at the
+    /// tree's minimum and maximum.
     ///
-    /// A polygon is held, or in the temporary file, until all of it has been found. Besides `request.memory`, memory goes with the number
-    /// of holes that wait for the ring around them: about 200 bytes for each, which in rasters of noise are as many as cells.
+    /// A polygon is kept, in memory or in the temporary file, until it is complete. Memory use is
+    /// `request.memory` plus about 200 bytes per hole whose outer ring is not known yet. In rasters
+    /// of noise there are as many such holes as cells.
     ///
     /// # Errors
     /// Those of [`Dataset::contours`].
@@ -103,10 +110,11 @@ impl Dataset {
         Ok(summary)
     }
 
-    /// Refuses a tree of classes, between which there is nothing that could be equal to a level.
+    /// Rejects a categorical tree: class numbers have no order, so nothing lies between two of
+    /// them.
     ///
     /// # Errors
-    /// If it is one.
+    /// If the tree is categorical.
     pub fn check_amounts(&self, what: &str) -> Result<()> {
         if self.header().kind != DataKind::Categorical {
             return Ok(());
@@ -127,17 +135,17 @@ impl Dataset {
         Err(Error::unsupported(self.name(), format!("{what} of a tree of classes"), advice))
     }
 
-    /// The cells of a level, which there must be.
+    /// Returns the cells of a level, which must exist.
     pub fn relief(&self, level: u8) -> LevelRelief<'_> {
         LevelRelief { tree: self, level, has_zeros: self.header().rule == Rule::Occupancy }
     }
 }
 
-/// The cells of a level.
+/// The cells of one level.
 pub struct LevelRelief<'a> {
     tree: &'a Dataset,
     level: u8,
-    /// Whether VOID is a number: that of nothing.
+    /// Whether VOID counts as the number 0, as in trees of occupancies.
     pub has_zeros: bool,
 }
 

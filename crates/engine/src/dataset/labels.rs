@@ -1,15 +1,17 @@
-//! Tables of labels of any dataset.
+//! Label tables of a dataset.
 
 use super::{Dataset, Tree};
 use crate::ops::{LabelRequest, LabelSummary, LabelVisitor, TreeFile, View, find_labels};
 use spinney_base::{Progress, Result};
 
 impl Dataset {
-    /// Hands out the labels of a tree, each with size, box and neighbours, in order: the values that cells have, or components of cells of
-    /// equal value, which are counted first.
+    /// Passes the labels of a tree to `each`, in order, each with its size, box and neighbours.
+    /// Labels are cell values, or connected components of cells of equal value, which are numbered
+    /// first.
     ///
-    /// Goes through all cells block by block (twice, if components are counted), but not through those of nodes of one value, on all threads of the
-    /// current pool. What is larger than `request.memory` is added up in temporary files.
+    /// Scans all cells block by block (twice if components are numbered), but not below uniform
+    /// nodes. Uses all threads of the current pool. What exceeds `request.memory` is summed up in
+    /// temporary files.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -32,8 +34,9 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If values are to be labels and have several channels, cells of such trees have not so many neighbours, the tree is damaged, a temporary file
-    /// fails, `each` does, or on interruption.
+    /// If values are to be labels but have several channels, the requested connectivity does not
+    /// exist for the tree's dimension, the tree is corrupt, a temporary file fails, `each` fails,
+    /// or on cancellation.
     pub fn labels(
         &self,
         request: &LabelRequest,

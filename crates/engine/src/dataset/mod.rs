@@ -1,5 +1,5 @@
-//! Datasets: tree files of either format, as they are or through views, behind one interface, for the command
-//! line and for bindings.
+//! Datasets: tree files of either format, directly or through views, with one interface for the
+//! command line and for bindings.
 
 mod contours;
 mod labels;
@@ -27,12 +27,13 @@ use spinney_base::space::Bounds;
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Finding, Header, Metadata, OpenOptions, TreeFormat};
 
-/// A tree file of any form and either format, or a view of one, open for questions; may be shared by any
+/// An open tree file of any tree type and either format, or a view of one. Can be shared by any
 /// number of threads.
 ///
-/// Values come as f64 (which holds every sample type exactly) or as little-endian bytes; levels count from
-/// the root (0) to the cells ([`Dataset::depth`]); coordinates are cells of the level that is asked for, x,
-/// y, z, the last 0 in quadtrees.
+/// Values are returned as [`Number`](spinney_base::value::Number), which represents every sample
+/// type exactly, or as little-endian bytes. Levels count from the root (0) to the cells
+/// ([`Dataset::depth`]). Coordinates are in cells of the requested level, in the order x, y, z; z
+/// is 0 in quadtrees.
 ///
 /// ```no_run
 /// use spinney::raw::dataset;
@@ -51,42 +52,43 @@ pub struct Dataset {
     tree: Tree,
 }
 
-/// Reader of a dataset, to which all questions go: one of the two formats, or a view.
+/// The reader that a dataset forwards all queries to: one of the two formats, or a view.
 enum Tree {
     Goblin(Arc<Goblin>),
     Autumnal(Arc<Autumnal>),
     View(Box<Viewed>),
 }
 
-/// Opens a tree file of either format and any form; `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08` of
-/// `stack.goblin` (the first if none is named).
+/// Opens a tree file of either format and any tree type. `map.autumn@12` is commit 12 of
+/// `map.autumn`; `stack.goblin:B08` is the layer `B08` of `stack.goblin`. The default layer is the
+/// first.
 ///
 /// # Errors
-/// If it cannot be read, is no tree file, is damaged, or of a newer version.
+/// If the file cannot be read, is not a tree file, is corrupt, or has a newer version.
 pub fn open(path: &Path, options: &OpenOptions) -> Result<Dataset> {
     Dataset::of(TreeFile::open(path, options)?.into())
 }
 
-/// Opens a view of a file through a chain of steps: nothing is computed beforehand. For a file that is open
-/// already, there is [`Dataset::view`].
+/// Opens a view of a file through a chain of operations. Nothing is computed in advance. For a file
+/// that is already open, use [`Dataset::view`].
 ///
 /// # Errors
-/// If the file cannot be read, or a step cannot be done.
+/// If the file cannot be read, or an operation is not possible.
 pub fn open_view(chain: &FileView) -> Result<Dataset> {
     Ok(Dataset::of_view(Viewed::new(chain.open()?, chain.moves)))
 }
 
 impl Dataset {
-    /// An open file, or anything else that a view can stand on.
+    /// Returns a dataset of an open file, or of any other source that a view can have.
     ///
     /// # Errors
-    /// If the file's header says what no file can have.
+    /// If the source's header is invalid.
     pub fn of(source: ViewSource) -> Result<Dataset> {
         let tree = match source {
             ViewSource::File(TreeFile::Goblin(file)) => Tree::Goblin(file),
             ViewSource::File(TreeFile::Autumnal(file)) => Tree::Autumnal(file),
             source @ ViewSource::File(TreeFile::Mosaic(_)) => {
-                // (Its levels are those of its files, which are made by the rule.)
+                // (A mosaic's levels are those of its files, which follow the rule.)
                 let rule = source.header().rule;
                 let view = View::whole(source)?.sampled(Sampling::Area(rule))?;
                 return Ok(Dataset::of_view(Viewed::new(view, false)));
@@ -100,11 +102,11 @@ impl Dataset {
         Dataset { tree: Tree::View(Box::new(viewed)) }
     }
 
-    /// The dataset through more steps, without opening the file again. New cells get their values by the
-    /// file's rule, and cells keep their world coordinates.
+    /// Returns the dataset through further operations, without opening the file again. New cells
+    /// get their values by the file's rule, and cells keep their world coordinates.
     ///
     /// # Errors
-    /// If a step cannot be done.
+    /// If an operation is not possible.
     pub fn view(self, steps: &[ViewStep]) -> Result<Dataset> {
         let rule = self.header().rule;
         let file = match self.tree {
@@ -116,10 +118,12 @@ impl Dataset {
         Ok(Dataset::of_view(Viewed::new(view, false)))
     }
 
-    /// The dataset on a grid of other cells, in any coordinate system: see [`Warped`](crate::ops::Warped).
+    /// Returns the dataset resampled to another grid, in any coordinate system: see
+    /// [`Warped`](crate::ops::Warped).
     ///
     /// # Errors
-    /// If it is a view of another part of its file, or one of the two systems cannot be computed.
+    /// If the dataset is a view that does not show all of its file, or one of the two coordinate
+    /// systems is not supported.
     pub fn warped(self, grid: &WarpGrid) -> Result<Dataset> {
         let whole = |file: TreeFile| Ok(Viewed::new(View::whole(file.into())?, false));
         let viewed = match self.tree {
@@ -130,10 +134,11 @@ impl Dataset {
         Ok(Dataset::of_view(viewed.warped(grid)?))
     }
 
-    /// The smallest box of cells around all that is not VOID; `None` if all is.
+    /// Returns the smallest box of cells around all cells that are not VOID; `None` if all are
+    /// VOID.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn data_box(&self) -> Result<Option<Bounds>> {
         let whole = |file: TreeFile| data_box(&View::whole(file.into())?);
         match &self.tree {
@@ -143,7 +148,8 @@ impl Dataset {
         }
     }
 
-    /// The file, if this is no view of one: for what stands on files, such as [`Warped`](crate::ops::Warped).
+    /// Returns the file, if this is not a view of one: for operations on whole files, such as
+    /// [`Warped`](crate::ops::Warped).
     pub fn as_file(&self) -> Option<TreeFile> {
         match &self.tree {
             Tree::Goblin(file) => Some(TreeFile::Goblin(file.clone())),
@@ -155,8 +161,8 @@ impl Dataset {
         }
     }
 
-    /// The file, or what is calculated with files, if nothing is seen through further steps: for what reads levels, such as
-    /// [`Warped`](crate::ops::Warped).
+    /// Returns the file, or the calculation on files, unless further operations are applied to it:
+    /// for operations that read levels, such as [`Warped`](crate::ops::Warped).
     pub fn whole_source(&self) -> Option<Arc<ViewSource>> {
         match &self.tree {
             Tree::View(viewed) => {
@@ -167,7 +173,7 @@ impl Dataset {
         }
     }
 
-    /// The file, also that behind a view: see [`ViewSource::file`].
+    /// Returns the file, also that of a view: see [`ViewSource::file`].
     fn file(&self) -> Option<TreeFile> {
         match &self.tree {
             Tree::View(viewed) => viewed.source().file(),
@@ -175,7 +181,8 @@ impl Dataset {
         }
     }
 
-    /// A number that tells the state of all files that a manifest lists: another state has another one. `None` if this is no manifest.
+    /// Returns a number that identifies the state of all files in a manifest: another state has
+    /// another number. `None` if this is not a manifest.
     pub fn listed_state(&self) -> Option<u128> {
         match self.file()? {
             TreeFile::Mosaic(tree) => Some(tree.state()),
@@ -183,12 +190,12 @@ impl Dataset {
         }
     }
 
-    /// The file's format; what comes from no file counts as published.
+    /// Returns the file's format; a dataset without a file counts as Goblin, the read-only format.
     pub fn format(&self) -> TreeFormat {
         self.file().map_or(TreeFormat::Goblin, |file| file.format())
     }
 
-    /// The commit that is read; only Autumnal files have commits.
+    /// Returns the commit that is read; only Autumnal files have commits.
     pub fn commit(&self) -> Option<&Commit> {
         match &self.tree {
             Tree::Goblin(_) => None,
@@ -197,23 +204,24 @@ impl Dataset {
         }
     }
 
-    /// Moves on to the newest commit, if the file has got a newer one; returns whether it has. Datasets
-    /// opened at a certain commit, and views, stay as they are.
+    /// Switches to the newest commit, if the file has a newer one; returns whether it has. Datasets
+    /// opened at a specific commit and views do not change.
     ///
     /// # Errors
-    /// If the file cannot be read any more; the dataset stays as it was then.
+    /// If the file can no longer be read. The dataset is unchanged then.
     pub fn refresh(&mut self) -> Result<bool> {
         match &mut self.tree {
-            // A reader that others have, too, is not pulled away from under them.
+            // A reader that is shared with others must not change under them.
             Tree::Autumnal(file) => Arc::get_mut(file).map_or(Ok(false), Autumnal::refresh),
             Tree::Goblin(_) | Tree::View(_) => Ok(false),
         }
     }
 
-    /// The layers of the file: names and headers. A view has one, and no name.
+    /// Returns the layers of the file: names and headers. A view has one layer, which has the name
+    /// of the view's metadata.
     ///
     /// # Errors
-    /// If one is damaged.
+    /// If a layer is corrupt.
     pub fn layers(&self) -> Result<Vec<LayerInfo>> {
         match self.as_file() {
             Some(file) => file.layers(),
@@ -225,15 +233,16 @@ impl Dataset {
         }
     }
 
-    /// The number of the layer that is asked, among those of the file.
+    /// Returns the index of this dataset's layer in the file.
     pub fn layer_number(&self) -> usize {
         self.as_file().map_or(0, |file| file.layer_number())
     }
 
-    /// Another layer of the same file, by its name or its number from 0, without opening the file again.
+    /// Returns another layer of the same file, by its name or its index from 0, without opening the
+    /// file again.
     ///
     /// # Errors
-    /// If there is none of that name or number, it is damaged, or this is a view.
+    /// If there is no layer of that name or index, it is corrupt, or this is a view.
     pub fn layer(&self, name: &str) -> Result<Dataset> {
         let Some(file) = self.as_file() else {
             let advice = "name the layer where the view is opened, as in FILE:LAYER";
@@ -245,7 +254,8 @@ impl Dataset {
         Dataset::of(file.open_layer(number)?.into())
     }
 
-    /// Another layer of the same file on the cells of this one: as it is if its cells are as large, else a view of it.
+    /// Returns another layer of the same file on the cells of this one: the layer itself if its
+    /// cells have the same size, else a view of it.
     ///
     /// # Errors
     /// Those of [`Dataset::layer`].
@@ -263,7 +273,8 @@ impl Dataset {
         }
     }
 
-    /// The header: form, rule, depth, extent. Depth and extent of views are their own.
+    /// Returns the header: tree type, rule, depth, extent. A view has a depth and an extent of its
+    /// own.
     pub fn header(&self) -> &Header {
         match &self.tree {
             Tree::Goblin(file) => file.header(),
@@ -272,7 +283,8 @@ impl Dataset {
         }
     }
 
-    /// The metadata: frame, nodata, palette, names, provenance. The frame of views is their own.
+    /// Returns the metadata: frame, nodata, palette, names, provenance. A view has a frame of its
+    /// own.
     pub fn metadata(&self) -> &Metadata {
         match &self.tree {
             Tree::Goblin(file) => file.metadata(),
@@ -281,7 +293,7 @@ impl Dataset {
         }
     }
 
-    /// The file's path; a view of a tree in memory has none.
+    /// Returns the file's path; a view of a tree in memory has none.
     pub fn path(&self) -> Option<&Path> {
         match &self.tree {
             Tree::Goblin(file) => Some(file.path()),
@@ -290,7 +302,7 @@ impl Dataset {
         }
     }
 
-    /// How the file was opened.
+    /// Returns how the file was opened.
     pub fn access(&self) -> FileAccess {
         match &self.tree {
             Tree::Goblin(file) => file.access().clone(),
@@ -299,7 +311,7 @@ impl Dataset {
         }
     }
 
-    /// The name for messages: the path, if there is one.
+    /// Returns the name for messages: the path, if there is one.
     pub fn name(&self) -> &Path {
         match &self.tree {
             Tree::Goblin(file) => file.path(),
@@ -308,42 +320,45 @@ impl Dataset {
         }
     }
 
-    /// Bytes of the whole file.
+    /// Returns the size of the whole file in bytes.
     pub fn file_size(&self) -> u64 {
         self.file().map_or(0, |file| file.file_size())
     }
 
-    /// Number of segments; 0 in Autumnal files, which have none.
+    /// Returns the number of segments; 0 for Autumnal files, which have none.
     pub fn segments(&self) -> usize {
         self.file().map_or(0, |file| file.segments())
     }
 
-    /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
-    /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
+    /// Returns the number of record slots. For Goblin files, this counts the slots in all segments;
+    /// dense blocks use fewer slots than the records that they replace, and records stored twice
+    /// count twice. For Autumnal files, it counts the records of the commit's tree; shared records
+    /// count once per occurrence.
     pub fn stored_records(&self) -> u64 {
         self.file().map_or(0, |file| file.stored_records())
     }
 
-    /// Name and bytes of each part of the file.
+    /// Returns name and size in bytes of each section of the file.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         self.file().map_or_else(Vec::new, |file| file.sections())
     }
 
-    /// Levels below the root.
+    /// Returns the number of levels below the root.
     pub fn depth(&self) -> u8 {
         self.header().depth()
     }
 
-    /// The picture's size at a level, in that level's cells (rounded up); all cells outside are VOID. Below
-    /// the cells there is nothing finer: such a level counts as [`Dataset::depth`].
+    /// Returns the extent at a level, in that level's cells (rounded up). All cells outside of it
+    /// are VOID. Levels deeper than [`Dataset::depth`] count as that level.
     pub fn extent_at(&self, level: u8) -> Bounds {
         let shift = self.depth().saturating_sub(level);
         Bounds::picture(self.header().extent.map(|cells| cells.div_ceil(1 << shift)))
     }
 
-    /// Whether numbers of a level are approximate: those of a [calculation](ViewStep::Calculation) above its cells, made of what
-    /// its operands have at that level. Windows and single cells are so; statistics, zones, histograms, searches, and sizes that are asked for
-    /// exactly go down to the cells.
+    /// Returns whether the values of a level are approximate. This holds for the levels of a
+    /// [calculation](ViewStep::Calculation) above its cells, which are calculated from the
+    /// operands' values at that level. It concerns windows and single cells. Statistics, zones,
+    /// histograms, searches and exact sizes are computed from the cells.
     pub fn is_approximate(&self, level: u8) -> bool {
         match &self.tree {
             Tree::Goblin(_) | Tree::Autumnal(_) => false,
@@ -351,7 +366,7 @@ impl Dataset {
         }
     }
 
-    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    /// Returns a remark on the file for its readers: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
         match &self.tree {
             Tree::Goblin(_) => None,
@@ -360,14 +375,14 @@ impl Dataset {
         }
     }
 
-    /// Makes sure that the file still is what it was when it was opened (an Autumnal file may have got more
-    /// commits), so that all answers since are of one state. One look at the file's length and time: to be
-    /// asked once after a batch of questions, not for each.
+    /// Checks that the file has not changed since it was opened, apart from new commits in an
+    /// Autumnal file, so that all results since then are of one state. Costs one stat of the file
+    /// (length and modification time): to be called once after a batch of queries, not for each.
     ///
     /// # Errors
-    /// If somebody has overwritten the file or cut it short; files that were renamed or removed stay as they
-    /// are for those who have them open. Each read of a remote file checks its version already, so that no request
-    /// is made: see [`Dataset::check_remote`].
+    /// If the file was overwritten or truncated. Files that were renamed or removed keep their
+    /// contents for the processes that have them open. Each read of a remote file checks its
+    /// version anyway, so no request is made for it here: see [`Dataset::check_remote`].
     pub fn check_unchanged(&self) -> Result<()> {
         match &self.tree {
             Tree::Goblin(file) => file.check_unchanged(),
@@ -376,11 +391,12 @@ impl Dataset {
         }
     }
 
-    /// Queries the host of a remote file, with one request, whether it still is the version that was opened. (Not of a view: the
-    /// dataset that it was made of has the file.)
+    /// Checks with one request to the host that a remote file still has the version that was
+    /// opened. (Does nothing for a view: call it on the dataset that the view was made of.)
     ///
     /// # Errors
-    /// [`Error::Changed`] if it is not; also if the host does not respond, or has no such file any more.
+    /// [`Error::Changed`] if the version is another one; also if the host does not respond, or no
+    /// longer has the file.
     pub fn check_remote(&self) -> Result<()> {
         match &self.tree {
             Tree::Goblin(file) => file.check_remote(),
@@ -389,7 +405,8 @@ impl Dataset {
         }
     }
 
-    /// Version of the file when it was opened; `None` of a view, and of bytes in memory.
+    /// Returns the file's version at the time it was opened; `None` for a view and for bytes in
+    /// memory.
     pub fn version(&self) -> Option<&FileStat> {
         match &self.tree {
             Tree::Goblin(file) => file.version(),
@@ -398,15 +415,15 @@ impl Dataset {
         }
     }
 
-    /// Checks all of the file: see [`Goblin::verify`] and [`Autumnal::verify`].
+    /// Verifies the whole file: see [`Goblin::verify`] and [`Autumnal::verify`].
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption.
+    /// If the file cannot be read, or on cancellation.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         self.file().map_or_else(|| Ok(Vec::new()), |file| file.verify(memory, progress))
     }
 
-    /// Checks all of the file but the trees of older commits.
+    /// Verifies the whole file except for the trees of older commits.
     ///
     /// # Errors
     /// Those of [`Dataset::verify`].

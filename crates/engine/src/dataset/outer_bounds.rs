@@ -1,4 +1,4 @@
-//! Bounds that no value leaves, whatever level it is of.
+//! Bounds that hold for the values of all levels.
 
 use super::{Dataset, Tree};
 use crate::ops::{Resampling, ViewSource};
@@ -6,16 +6,18 @@ use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value};
 
-/// How far cubic convolution exceeds the range of its samples, as a share of that range: per axis, weights (Keys 1981, a = -0.5)
-/// sum to at most 1.125 where they are positive and to -0.125 where they are negative, so along two axes to 1.28125 and -0.28125.
+/// Maximum overshoot of cubic convolution, as a fraction of its samples' range. Per axis, the
+/// positive weights (Keys 1981, a = -0.5) sum to at most 1.125 and the negative ones to -0.125, so
+/// along two axes they sum to at most 1.28125 and -0.28125.
 const CUBIC_OVERSHOOT: f64 = 0.28125;
-/// Cells along each side of the blocks in which a level is scanned.
+/// Cells per side of the blocks in which a level is scanned.
 const BLOCK_SIDE: u64 = 512;
 
 impl Dataset {
-    /// Bounds that no value of any level leaves, per channel; nothing if there are no values. Wider than [`Dataset::exact_bounds`]
-    /// where cubic convolution overshoots, or where coarser levels are calculated of coarser operands. With `convolved` they are also
-    /// those of a cubic convolution of the cells.
+    /// Returns bounds for the values of all levels, per channel; empty if there are no values. They
+    /// are wider than [`Dataset::exact_bounds`] where cubic convolution overshoots, or where
+    /// coarser levels are calculated from coarser operands. With `convolved`, they also hold for a
+    /// cubic convolution of the cells.
     ///
     /// # Errors
     /// If the file is corrupt there.
@@ -45,7 +47,7 @@ impl Dataset {
         Ok(bounds)
     }
 
-    /// Extends bounds of values, per channel, by those of a level.
+    /// Extends bounds, per channel, by the values of a level.
     fn widen_by_level(&self, level: u8, bounds: &mut Vec<(Number, Number)>) -> Result<()> {
         let (value, all) = (self.header().form.value, self.extent_at(level));
         let size = value.sample.size();

@@ -1,4 +1,4 @@
-//! Polygons of the classes of any dataset.
+//! Polygons of the classes of a dataset.
 
 use super::Dataset;
 use crate::query::{
@@ -10,17 +10,23 @@ use spinney_base::value::DataKind;
 use spinney_base::{Error, Progress, Result};
 
 impl Dataset {
-    /// Hands out the regions of a quadtree of classes, at any level of detail, as polygons: cells of one class that hang together, by their
-    /// edges or also by their corners. VOID cells are in none, and each other one is in one region.
+    /// Passes the regions of a categorical quadtree to `each` as polygons, at any level of detail.
+    /// A region is a set of cells of one class that are connected by their edges, or also by their
+    /// corners. VOID cells are in no region, and every other cell is in exactly one.
     ///
-    /// Borders are those of cells, without points in line with their neighbours. Rings are simple: where a region touches itself in a corner, an outer ring
-    /// and a hole touch there, or two holes. Outer rings are counterclockwise, holes clockwise. A region of cells that hang together by corners alone has
-    /// several polygons, which touch there. If borders are [simplified](PolygonRequest::simplify), two regions still have the same border:
-    /// arcs between junctions, where three or four borders meet, are simplified once, and junctions stay where they are, like the picture's corners.
+    /// Borders follow the cell edges, without collinear points. Rings are simple: where a region
+    /// touches itself in a corner, an outer ring and a hole touch there, or two holes. Outer rings
+    /// are counterclockwise, holes clockwise. A region of cells that are connected only by corners
+    /// has several polygons, which touch there. If borders are
+    /// [simplified](PolygonRequest::simplify), adjacent regions still share the same border: each
+    /// arc between two junctions (points where three or four borders meet) is simplified once.
+    /// Junctions and the corners of the raster do not move.
     ///
-    /// Nodes that are alike are not gone through, and rows like those above them neither. The order of the regions, in which they end from the first row
-    /// on, depends on the tree alone. Besides `request.memory`, memory goes with the borders that cross a row of the picture, and with the number of
-    /// arcs of regions that are not whole yet: about 150 bytes for each.
+    /// Skips the interior of uniform nodes, and rows that equal the row above them. The order of
+    /// the regions depends only on the tree: they are sorted by the row, from the first on, in
+    /// which they end. Memory use is `request.memory` plus memory in proportion to the borders that
+    /// cross a row of the raster, plus about 150 bytes per arc of a region that is not complete
+    /// yet.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -38,8 +44,8 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If the tree is an octree, not of classes, or damaged, there is no such level, a class or a distance is none, a temporary file cannot be written,
-    /// `each` fails, or on interruption.
+    /// If the tree is an octree, not categorical or corrupt, the level does not exist, a class or a
+    /// distance is invalid, a temporary file cannot be written, `each` fails, or on cancellation.
     pub fn polygons(
         &self,
         request: &PolygonRequest,
@@ -66,10 +72,10 @@ impl Dataset {
         Ok(summary)
     }
 
-    /// Refuses a tree whose regions are no polygons.
+    /// Rejects a tree whose regions are not polygons.
     ///
     /// # Errors
-    /// If it is one.
+    /// If it is an octree, has several channels, or is not categorical.
     fn check_polygons(&self) -> Result<()> {
         let (form, tree) = (self.header().form, self.name().display());
         let refuse = |found: &str, advice: String| Err(Error::unsupported(self.name(), found, advice));
@@ -106,7 +112,7 @@ impl Dataset {
     }
 }
 
-/// The cells of a level.
+/// The cells of one level.
 struct LevelClasses<'a> {
     tree: &'a Dataset,
     level: u8,

@@ -1,4 +1,4 @@
-//! Questions about any dataset: cells, windows, statistics, searches.
+//! Queries of a dataset: cells, windows, statistics, searches.
 
 use std::sync::Arc;
 
@@ -18,11 +18,11 @@ use spinney_base::{Progress, Result, SetOperation};
 use spinney_container::LevelCounts;
 
 impl Dataset {
-    /// The value of one cell of a level, its samples written to `value`; `false` is VOID (also outside the
-    /// tree).
+    /// Reads the value of one cell of a level into `value`, a number per channel. Returns `false`
+    /// for VOID, also outside of the tree.
     ///
     /// # Errors
-    /// If the file is damaged there; of a view also if it has no such level.
+    /// If the file is corrupt there; for a view also if the level does not exist.
     pub fn point(&self, cell: [u64; 3], level: u8, value: &mut [Number; 4]) -> Result<bool> {
         let found = run_batched(|| match &self.tree {
             Tree::View(viewed) => {
@@ -43,11 +43,12 @@ impl Dataset {
         Ok(found.is_some())
     }
 
-    /// The values of many cells of a level, in the order of the cells, to `samples`, whose former contents
-    /// go. Much faster than asking for them one by one where there are very many.
+    /// Reads the values of many cells of a level into `samples`, in the order of the cells, and
+    /// discards the former contents of `samples`. For large numbers of cells this is much faster
+    /// than single queries.
     ///
     /// # Errors
-    /// If the file is damaged there, or the level is too deep.
+    /// If the file is corrupt there, or the level is too deep.
     pub fn points(&self, cells: &[[u64; 3]], level: u8, samples: &mut PointSamples) -> Result<()> {
         let value_type = self.header().form.value;
         let values = samples.start(value_type, cells.len());
@@ -62,9 +63,10 @@ impl Dataset {
         }
     }
 
-    /// The state of a node: VOID or LEAF if all of its cells are that, with the value; else INNER, with a representative that
-    /// may be left out (zero). Takes a look-up, whatever is below. INNER is no promise: of a view, and within dense blocks, it may
-    /// turn out to be uniform.
+    /// Returns the state of a node: VOID or LEAF, with the value, if all of its cells are; else
+    /// INNER, with a representative that may be zero instead. Costs one look-up, whatever is below
+    /// the node. INNER is not guaranteed to have different cells below: such a node may be uniform
+    /// in a view, and within dense blocks.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -77,7 +79,7 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If the file is damaged there, or the node is deeper than the tree.
+    /// If the file is corrupt there, or the node is deeper than the tree.
     pub fn node(&self, code: Code) -> Result<Child<()>> {
         check_level(code.level(), self.depth())?;
         run_batched(|| match &self.tree {
@@ -87,19 +89,20 @@ impl Dataset {
         })
     }
 
-    /// The code of a cell of a level; `None` outside of the space.
+    /// Returns the code of a cell of a level; `None` outside of the space.
     fn code(&self, level: u8, cell: Cell) -> Option<Code> {
         Code::from_cell(self.header().form.dimension, level, cell)
     }
 
-    /// The values of a box of cells of a level: x fastest, then y, then z; a cell's samples together,
-    /// little-endian; VOID cells have the sample nearest to `fill` in every channel, and `false` in `valid` if that is
-    /// given.
+    /// Reads a box of cells of a level: x fastest, then y, then z; the samples of a cell are
+    /// consecutive and little-endian. VOID cells get the sample nearest to `fill` in every channel,
+    /// and `false` in `valid` if that is given.
     ///
-    /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per cell.
+    /// `bytes` must have `bounds.volume() * header().form.width()` bytes, `valid` one flag per
+    /// cell.
     ///
     /// # Errors
-    /// If the file is damaged there, the level is too deep, or a buffer has the wrong size.
+    /// If the file is corrupt there, the level is too deep, or a buffer has the wrong size.
     pub fn window(
         &self,
         level: u8,
@@ -130,11 +133,12 @@ impl Dataset {
         })
     }
 
-    /// The values of a box of cells of a level where they stand in the file, without a copy: `None` where that cannot be, and
-    /// [`Dataset::window`] reads them. See [`StoredRows`] and [`Goblin::stored_rows`](crate::store::goblin::Goblin::stored_rows).
+    /// Returns a box of cells of a level without a copy, as it is stored in the file; `None` if the
+    /// box is not stored as rows, so that [`Dataset::window`] must read it. See [`StoredRows`] and
+    /// [`Goblin::stored_rows`](crate::store::goblin::Goblin::stored_rows).
     ///
     /// # Errors
-    /// If the file is damaged there, or the level is too deep.
+    /// If the file is corrupt there, or the level is too deep.
     pub fn stored_rows(&self, level: u8, bounds: &Bounds) -> Result<Option<StoredRows<'_>>> {
         match &self.tree {
             Tree::Goblin(file) => file.stored_rows(level, bounds),
@@ -142,10 +146,11 @@ impl Dataset {
         }
     }
 
-    /// Exact statistics of a box of cells (of the deepest level); the whole picture if there is none.
+    /// Returns the exact statistics of a box of cells (of the deepest level); without a box, of the
+    /// whole extent.
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn statistics(&self, bounds: Option<Bounds>, progress: &dyn Progress) -> Result<Statistics> {
         run_batched(|| match &self.tree {
             Tree::View(viewed) => {
@@ -162,7 +167,7 @@ impl Dataset {
         })
     }
 
-    /// Statistics without classes; of a view those of what it stands on.
+    /// Returns statistics without class counts; for a view, those of its source.
     fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
         run_batched(|| match &self.tree {
@@ -172,10 +177,10 @@ impl Dataset {
         })
     }
 
-    /// Sums over the cells that pixels cover: see [`PixelSums`].
+    /// Sums up the cells that each pixel covers: see [`PixelSums`].
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn pixel_sums<'a>(
         &self,
         bounds: &Bounds,
@@ -190,11 +195,11 @@ impl Dataset {
         })
     }
 
-    /// Nodes of the file's tree by level and state. Goblin files know them, those of Autumnal files are counted: `None` if
-    /// they have more than `most` records.
+    /// Returns the number of nodes in the file's tree by level and state. Goblin files store it.
+    /// For Autumnal files the nodes are counted; `None` if they have more than `most` records.
     ///
     /// # Errors
-    /// If the file is damaged, or on interruption.
+    /// If the file is corrupt, or on cancellation.
     pub fn level_counts(&self, most: u64, progress: &dyn Progress) -> Result<Option<LevelCounts>> {
         match self.file() {
             Some(TreeFile::Autumnal(file)) => file.level_counts(most, progress),
@@ -203,11 +208,11 @@ impl Dataset {
         }
     }
 
-    /// The bytes of the segments of a Goblin file by the levels of their nodes, as its directory has them: `None` if it has more than
-    /// `most` segments, or is none.
+    /// Returns the bytes of a Goblin file's segments by the level of their nodes, from the segment
+    /// index; `None` if the file has more than `most` segments, or is not a Goblin file.
     ///
     /// # Errors
-    /// If the directory is damaged.
+    /// If the segment index is corrupt.
     pub fn level_bytes(&self, most: usize) -> Result<Option<Vec<LevelBytes>>> {
         match self.file() {
             Some(TreeFile::Goblin(file)) if file.segments() <= most => {
@@ -217,15 +222,18 @@ impl Dataset {
         }
     }
 
-    /// Whether some cells of a box may be VOID; `false` is sure. Of views it is cheaper than statistics.
+    /// Returns whether some cells of a box may be VOID; `false` is certain. For views it is cheaper
+    /// than statistics.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn may_have_void(&self, bounds: Bounds) -> Result<bool> {
         match &self.tree {
             Tree::View(viewed) => run_batched(|| viewed.may_have_void(&bounds)),
             _ => {
-                // (What reaches out of the picture needs no look at the box, whose border can be long, nor does a picture without VOID.)
+                // (A box that reaches out of the raster contains VOID cells, and a box in a raster
+                // without VOID contains none. Neither case needs the statistics of the box, whose
+                // border can be long.)
                 let picture = self.header().picture();
                 if !picture.contains(&bounds) {
                     return Ok(!bounds.is_empty());
@@ -236,11 +244,12 @@ impl Dataset {
         }
     }
 
-    /// Advice on a tree without VOID in which 0 may stand for nothing, so that its cells have no surface but the tree's own: the command that
-    /// makes 0 VOID. `None` if some cells are VOID, none is 0, or cells are computed.
+    /// Returns the command that makes 0 VOID, for a tree without VOID in which 0 may mean
+    /// "nothing". Without VOID, the only surface of the cells is that of the whole tree. `None` if
+    /// some cells are VOID, no cell is 0, or cells are computed.
     ///
     /// # Errors
-    /// If the file is damaged.
+    /// If the file is corrupt.
     pub fn void_advice(&self) -> Result<Option<String>> {
         let name = self.name().display().to_string();
         match &self.tree {
@@ -249,29 +258,31 @@ impl Dataset {
         }
     }
 
-    /// Bounds of all values, per channel: the least and the largest, to compute with; nothing if there are none.
+    /// Returns minimum and maximum of all values, per channel, as f64; empty if there are no
+    /// values.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn value_bounds(&self) -> Result<Vec<(f64, f64)>> {
         Ok(self.exact_bounds()?.into_iter().map(|(min, max)| (min.to_f64(), max.to_f64())).collect())
     }
 
-    /// Bounds of all values, per channel: the least and the largest, exactly; nothing if there are none.
+    /// Returns the exact minimum and maximum of all values, per channel; empty if there are no
+    /// values.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn exact_bounds(&self) -> Result<Vec<(Number, Number)>> {
-        // (Of a tree on another grid those of its source: see `Dataset::outer_bounds`.)
+        // (For a tree on another grid they are those of its source: see `Dataset::outer_bounds`.)
         let statistics = self.totals(None)?;
         Ok(statistics.channels.iter().map(|channel| (channel.min, channel.max)).collect())
     }
 
-    /// Cells of a box (of the deepest level) whose first channel lies in each of `bins` equal parts of
-    /// `low ..= high`.
+    /// Returns the number of a box's cells (of the deepest level) whose first channel lies in each
+    /// of `bins` equal intervals of `low ..= high`.
     ///
     /// # Errors
-    /// If the file is damaged there, or on interruption.
+    /// If the file is corrupt there, or on cancellation.
     pub fn histogram(
         &self,
         bounds: &Bounds,
@@ -287,11 +298,12 @@ impl Dataset {
         })
     }
 
-    /// Hands out the largest blocks in a box (of cells of the deepest level; the whole picture if there is
-    /// none) all of whose cells meet a condition, in FD order, until `found` says `false`. VOID meets none.
+    /// Finds the largest blocks in a box all of whose cells meet a condition, and passes them to
+    /// `found` in FD order until that returns `false`. The box is in cells of the deepest level;
+    /// without one, the whole extent is searched. VOID meets no condition.
     ///
     /// # Errors
-    /// If the file is damaged there, `found` fails, or on interruption.
+    /// If the file is corrupt there, `found` fails, or on cancellation.
     pub fn find(
         &self,
         condition: Condition,
@@ -307,10 +319,12 @@ impl Dataset {
         })
     }
 
-    /// [`Dataset::find`] among the cells that another tree on the same cells has, such as the cells of some zones.
+    /// [`Dataset::find`] restricted to the cells that are not VOID in another tree on the same
+    /// grid, such as a tree of zones.
     ///
     /// # Errors
-    /// Those of [`Dataset::find`], and of making the other tree's cells; if that is of another form or depth.
+    /// Those of [`Dataset::find`], and of computing the other tree's cells; if that has another
+    /// tree type or depth.
     pub fn find_within(
         &self,
         condition: Condition,
@@ -333,10 +347,11 @@ impl Dataset {
     }
 }
 
-/// Takes blocks that were found.
+/// Receives found blocks; returns whether to continue.
 type BlockVisitor<'a> = dyn FnMut(FoundBlock) -> Result<bool> + 'a;
 
-/// Searches in rounds: a search that is asked again finds the same blocks in the same order, and each is handed out once.
+/// Searches in batches. A restarted search finds the same blocks in the same order, and each block
+/// is passed on once.
 fn find_in_rounds(
     found: &mut BlockVisitor<'_>,
     search: &mut dyn FnMut(&mut BlockVisitor<'_>) -> Result<()>,
@@ -355,7 +370,7 @@ fn find_in_rounds(
     })
 }
 
-/// State of a node of a source: a step down for each level.
+/// Returns the state of a source's node, by descending from the root.
 fn source_node<S: Source>(source: &S, code: Code) -> Result<Child<()>> {
     let (mut child, mut children) = (source.root()?, no_children());
     for level in 0..code.level() {
@@ -366,7 +381,7 @@ fn source_node<S: Source>(source: &S, code: Code) -> Result<Child<()>> {
     Ok(child.map_node(drop))
 }
 
-/// Coordinates that are too large for any tree stay so.
+/// Converts coordinates, saturating those that are too large for any tree.
 fn saturated(cell: [u64; 3]) -> Cell {
     cell.map(|cell| u32::try_from(cell).unwrap_or(u32::MAX))
 }

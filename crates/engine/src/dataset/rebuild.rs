@@ -1,4 +1,4 @@
-//! Trees built of datasets: the same cells, with other properties if wanted.
+//! Building a tree from a dataset: the same cells, optionally with other properties.
 
 use super::{Dataset, Tree};
 use crate::ops::{TreeFile, View, ViewSource, build_again};
@@ -9,13 +9,14 @@ use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Progress, Result};
 use spinney_crs::Crs;
 
-/// Properties that a tree is to have in place of those of the dataset that it is built of.
+/// Properties of the new tree that replace those of the dataset it is built from.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rebuild {
-    /// Kind of the values; with another one, the rule is the usual one for it.
+    /// Kind of the values. If it differs from the dataset's, the rule defaults to the kind's usual
+    /// one.
     pub kind: Option<DataKind>,
-    /// Rule of coarser levels, which are made anew if it is another.
+    /// Rule for coarser levels, which are recomputed if it differs from the dataset's.
     pub rule: Option<Rule>,
     /// Levels of the tree.
     pub depth: Option<u8>,
@@ -27,7 +28,7 @@ pub struct Rebuild {
 }
 
 impl Dataset {
-    /// Options for a tree of the same properties, but for some.
+    /// Returns the options for a tree with the dataset's properties, except for those in `other`.
     ///
     /// # Errors
     /// If the map to the world has no inverse.
@@ -52,14 +53,16 @@ impl Dataset {
         Ok(options)
     }
 
-    /// Options for a tree of the same properties: kind, rule, depth, and all that is told about the data.
+    /// Returns the options for a tree with the dataset's properties: kind, rule, depth and
+    /// metadata.
     pub fn build_options(&self, memory: u64) -> BuildOptions {
         BuildOptions::like(self.header(), memory).metadata(self.metadata().clone())
     }
 
-    /// Builds a tree of the same cells, those of a view as they are seen, in the format that the output's name asks for. With the
-    /// rule of the dataset, what its file has stored is copied as it is; with another one coarser levels are made anew, of all
-    /// cells. A greater depth gives room for more cells on the far sides.
+    /// Builds a tree of the same cells (for a view, the cells as seen through it). The name of the
+    /// output determines the format. With the dataset's rule, stored records are copied unchanged;
+    /// with another one, coarser levels are recomputed from all cells. A larger depth extends the
+    /// space at the far end of each axis.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -75,13 +78,13 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If the file cannot be read, the depth is too small for the cells, the output cannot be written, there is no room for all of
-    /// its nodes, or on interruption.
+    /// If the file cannot be read, the depth is too small for the cells, the output cannot be
+    /// written, there is not enough space for all of its nodes, or on cancellation.
     pub fn build(&self, options: &BuildOptions, output: Output, progress: &dyn Progress) -> Result<()> {
         self.build_to(options, output.into(), progress)
     }
 
-    /// Builds a tree, or a part of one: see [`Dataset::build`].
+    /// Builds a tree, or one shard of it: see [`Dataset::build`].
     ///
     /// # Errors
     /// Those of [`Dataset::build`].

@@ -1,4 +1,4 @@
-//! Questions about octrees as solids.
+//! Queries of octrees as solids.
 
 use super::{Dataset, Tree};
 use crate::query::cell_blocks::{BlockAttribute, CellBlocks, SourceBlocks};
@@ -8,33 +8,34 @@ use crate::query::{
 use spinney_base::{Progress, Result};
 
 impl Dataset {
-    /// Meaning of values for the occupancy of cells.
+    /// Returns how values determine the occupancy of cells.
     fn filling(&self) -> Filling {
         Filling::of(self.header().rule, self.header().form.value)
     }
 
-    /// Volume, centre of gravity and bounds of an octree's solid at a level. Time is proportional to the INNER nodes
-    /// above the level, memory to depth.
+    /// Returns volume, centre of gravity and bounds of an octree's solid at a level. Time is in
+    /// proportion to the INNER nodes above the level, memory to the depth.
     ///
     /// # Errors
-    /// If the tree is a quadtree or has no such level, the file is damaged, or on interruption.
+    /// If the tree is a quadtree or has no such level, the file is corrupt, or on cancellation.
     pub fn solid(&self, level: u8, progress: &dyn Progress) -> Result<SolidStatistics> {
         let (filling, frame) = (self.filling(), &self.metadata().frame);
         match &self.tree {
             Tree::Goblin(file) => measure(&**file, level, filling, frame, progress),
             Tree::Autumnal(file) => measure(&**file, level, filling, frame, progress),
             Tree::View(viewed) => {
-                // The level's cells are the deepest of what is measured.
+                // The cells of `level` are the deepest of `view`.
                 let view = viewed.at(level)?;
                 measure(&view, level, filling, &frame.coarser(self.depth() - level), progress)
             }
         }
     }
 
-    /// The surface of an octree's solid at a level. Time is proportional to it, memory to depth.
+    /// Returns the surface area of an octree's solid at a level. Time is in proportion to the
+    /// surface, memory to the depth.
     ///
     /// # Errors
-    /// As of [`Dataset::solid`].
+    /// Those of [`Dataset::solid`].
     pub fn solid_surface(&self, level: u8, progress: &dyn Progress) -> Result<SolidSurface> {
         let (filling, frame) = (self.filling(), &self.metadata().frame);
         match &self.tree {
@@ -47,10 +48,10 @@ impl Dataset {
         }
     }
 
-    /// A ray caster through one level of an octree; each thread needs its own.
+    /// Returns a ray caster for one level of an octree; each thread needs its own.
     ///
     /// # Errors
-    /// If the tree is a quadtree or has no such level, or the file is damaged.
+    /// If the tree is a quadtree or has no such level, or the file is corrupt.
     pub fn rays(&self, level: u8) -> Result<Box<dyn Rays + '_>> {
         let (filling, is_finest) = (self.filling(), level == self.depth());
         let field = match &self.tree {
@@ -63,10 +64,11 @@ impl Dataset {
         Ok(Box::new(field))
     }
 
-    /// The cells of an octree's level in blocks, as solid ones and others: see [`SourceBlocks`].
+    /// Returns the cells of an octree's level in blocks, classified as solid or not: see
+    /// [`SourceBlocks`].
     ///
     /// # Errors
-    /// If the tree is a quadtree or has no such level, or its values cannot be carried.
+    /// If the tree is a quadtree or has no such level, or its values cannot be blocks' attributes.
     pub fn cell_blocks(&self, level: u8, carry: BlockAttribute) -> Result<Box<dyn CellBlocks + Send + '_>> {
         let rule = self.header().rule;
         Ok(match &self.tree {

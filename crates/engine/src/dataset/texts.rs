@@ -1,4 +1,4 @@
-//! Small trees in full, as text.
+//! Small trees as text in full.
 
 use super::{Dataset, Tree};
 use crate::query::dump;
@@ -8,10 +8,10 @@ use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
 impl Dataset {
-    /// The tree in memory, condensed: of small ones.
+    /// Returns a small tree in memory, condensed.
     ///
     /// # Errors
-    /// If the file is damaged, or the tree has more than `most` INNER nodes.
+    /// If the file is corrupt, or the tree has more than `most` INNER nodes.
     pub fn in_memory(&self, most: u64) -> Result<MemTree> {
         let too_many = |records: String| {
             let expected = format!("at most {most} to be shown in full");
@@ -20,7 +20,7 @@ impl Dataset {
         let rule = self.header().rule;
         match &self.tree {
             Tree::Goblin(file) => {
-                // (The total in the trailer may be wrong.)
+                // (The total in the trailer may be incorrect.)
                 let records = (0..file.segments()).map(|index| Ok(u64::from(file.entry(index)?.records)));
                 let records = records.sum::<Result<u64>>()?;
                 if records > most {
@@ -46,10 +46,10 @@ impl Dataset {
         }
     }
 
-    /// The tree as a DF-expression ([`crate::tree::df`]).
+    /// Returns the tree as a DF-expression ([`crate::tree::df`]).
     ///
     /// # Errors
-    /// If the file is damaged, or the tree has more than `most` nodes.
+    /// If the file is corrupt, or the tree has more than `most` INNER nodes.
     pub fn df_text(&self, most: u64) -> Result<String> {
         let header = self.header();
         let is_solid = header.kind == DataKind::Continuous && header.form.dimension == Dimension::Oct;
@@ -57,14 +57,15 @@ impl Dataset {
         df::to_text(&self.in_memory(most)?, full)
     }
 
-    /// The classic table: a line per record with its number, the children's values (an INNER child's
-    /// representative with a minus sign, or in parentheses where values may be 0 or negative; `.` is VOID)
-    /// and the number of the record to go on with when the node's detail is skipped. Of Autumnal files: the
-    /// children's values with a minus sign (or in parentheses), or the numbers of their records, and the
-    /// node's representative.
+    /// Returns the classic table of the literature, a line per record. For Goblin files and views,
+    /// a line has the record's number, the children's values, and the number of the record at which
+    /// to continue if the node's detail is skipped. An INNER child's representative has a minus
+    /// sign, or parentheses where values may be 0 or negative; `.` is VOID. For Autumnal files, a
+    /// line has the children's values with a minus sign (or in parentheses) or the numbers of their
+    /// records, and the node's representative.
     ///
     /// # Errors
-    /// As [`Dataset::df_text`].
+    /// Those of [`Dataset::df_text`].
     pub fn classic_table(&self, most: u64) -> Result<String> {
         let tree = self.in_memory(most)?;
         match &self.tree {
@@ -73,10 +74,10 @@ impl Dataset {
         }
     }
 
-    /// FD code and value of every leaf, a line each.
+    /// Returns FD code and value of every leaf, a line each.
     ///
     /// # Errors
-    /// As [`Dataset::df_text`].
+    /// Those of [`Dataset::df_text`].
     pub fn leaf_codes(&self, most: u64) -> Result<String> {
         dump::leaf_codes(&self.in_memory(most)?)
     }

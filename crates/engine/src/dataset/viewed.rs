@@ -1,4 +1,4 @@
-//! Views of files: questions are answered through the view, nothing is computed beforehand.
+//! Views of files: each query is computed through the view, and nothing in advance.
 
 use std::sync::Arc;
 
@@ -10,10 +10,10 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{MAX_VALUE_SIZE, Value};
 use spinney_container::{Header, Metadata};
 
-/// A view with its own header and metadata. Size, segments and checks are those of the file that it stands on.
+/// A view with its own header and metadata. Size, segments and checks are those of its file.
 pub(super) struct Viewed {
     view: View,
-    /// Whether the picture moves in the world as its cells are moved.
+    /// Whether the raster moves in the world when its cells are moved.
     moves: bool,
     header: Header,
     metadata: Metadata,
@@ -29,12 +29,12 @@ impl Viewed {
         Viewed { view, moves, header, metadata }
     }
 
-    /// The view with more steps applied to it.
+    /// Returns the view with further operations.
     pub(super) fn through(self, steps: &[ViewStep]) -> Result<Viewed> {
         Ok(Viewed::new(self.view.through(steps)?, self.moves))
     }
 
-    /// The view on another grid.
+    /// Returns the view on another grid.
     pub(super) fn warped(self, grid: &WarpGrid) -> Result<Viewed> {
         Ok(Viewed::new(self.view.warped(grid)?, self.moves))
     }
@@ -47,7 +47,7 @@ impl Viewed {
         self.view.source()
     }
 
-    /// The source, if all of it is seen as it is.
+    /// Returns the source, if the view shows all of it unchanged.
     pub(super) fn source_of_all(&self) -> Option<&Arc<ViewSource>> {
         self.view.is_whole().then(|| self.view.source())
     }
@@ -60,13 +60,13 @@ impl Viewed {
         &self.metadata
     }
 
-    /// The view with the cells of a level.
+    /// Returns a view whose cells are those of a level.
     pub(super) fn at(&self, level: u8) -> Result<View> {
         check_level(level, self.view.depth())?;
         self.view.at_level(level)
     }
 
-    /// The values of a box of cells of a level: see [`Dataset::window`](super::Dataset::window).
+    /// Reads a box of cells of a level: see [`Dataset::window`](super::Dataset::window).
     pub(super) fn window(
         &self,
         level: u8,
@@ -81,7 +81,8 @@ impl Viewed {
             return canvas.draw(&view, view.root()?, view.depth());
         }
         check_level(level, self.view.depth())?;
-        // Calculated as a whole, not node by node. (The canvas checks sizes, and has the right ones.)
+        // Drawn as one box, not node by node. (The canvas is made only for its checks of the
+        // buffers' sizes.)
         let mut own = Vec::new();
         let valid = match valid {
             Some(valid) => valid,
@@ -100,7 +101,8 @@ impl Viewed {
         Ok(())
     }
 
-    /// The part of a box of VOID cells that is inside of the space.
+    /// Draws the intersection of a box with the space into the box, whose cells are all VOID so
+    /// far.
     fn part_inside(
         &self,
         level: u8,
@@ -126,7 +128,7 @@ impl Viewed {
         Ok(())
     }
 
-    /// The values of some cells of a level; `None` is VOID, as is everything outside.
+    /// Reads the values of some cells of a level; `None` is VOID, as is every cell outside.
     pub(super) fn values_at(
         &self,
         level: u8,
@@ -155,12 +157,13 @@ impl Viewed {
         Ok(())
     }
 
-    /// Whether some cells of a box may be VOID; `false` is sure.
+    /// Returns whether some cells of a box may be VOID; `false` is certain.
     pub(super) fn may_have_void(&self, bounds: &Bounds) -> Result<bool> {
-        // A search of the whole view can take as long as drawing it: one that is not done after so many nodes
-        // says yes.
+        // A search of the whole view can take as long as drawing it, so a search that visits this
+        // many nodes without a result returns `true`.
         const MAX_NODES: usize = 100_000;
-        // (Those on another grid are computed, each by tens of places, and calculated ones by blocks.)
+        // (Nodes of a tree on another grid are computed from tens of positions each, calculated
+        // nodes block by block.)
         const MAX_COMPUTED: usize = 1000;
         let most = if self.view.source().is_computed() { MAX_COMPUTED } else { MAX_NODES };
         if !self.header.picture().contains(bounds) {
@@ -187,7 +190,7 @@ impl Viewed {
         Ok(true)
     }
 
-    /// Whether the tree has more than so many INNER nodes.
+    /// Returns whether the tree has more than `most` INNER nodes.
     pub(super) fn has_more_nodes(&self, most: u64) -> Result<bool> {
         let mut found = 0;
         let mut children = no_children();
@@ -206,7 +209,7 @@ impl Viewed {
     }
 }
 
-/// Gives VOID cells the value that stands for it.
+/// Writes the fill value to VOID cells.
 fn fill_void(fill: Value, bytes: &mut [u8], valid: &[bool], width: usize) {
     let fill = &fill.to_bytes()[..width];
     for (value, _) in bytes.chunks_exact_mut(width).zip(valid).filter(|(_, valid)| !**valid) {

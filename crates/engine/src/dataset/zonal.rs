@@ -1,4 +1,4 @@
-//! Statistics of the cells in polygons: of a dataset, or of several layers at once.
+//! Statistics of the cells in polygons, for one dataset or several layers at once.
 
 use super::{Dataset, Tree};
 use crate::query::{ZonalGroup, ZonalRequest, ZonalTree, ZoneStatistics, zonal};
@@ -6,9 +6,11 @@ use spinney_base::{Error, Progress, Result};
 use spinney_overlay::Polygon;
 
 impl Dataset {
-    /// Zonal statistics: exact statistics of the cells in each of some polygons, whose corners are in cells of the deepest level
-    /// ([`Frame::to_cells`](spinney_crs::Frame::to_cells)). The tree is read only where borders cut it; all threads of the
-    /// current pool work. A polygon goes through all of an octree along z.
+    /// Computes zonal statistics: exact statistics of the cells in each polygon. The polygons'
+    /// vertices are in cells of the deepest level
+    /// ([`Frame::to_cells`](spinney_crs::Frame::to_cells)). Reads the tree only where borders cut
+    /// it, on all threads of the current pool. In an octree, a polygon is a prism through the whole
+    /// extent along z.
     ///
     /// ```
     /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -23,7 +25,8 @@ impl Dataset {
     /// ```
     ///
     /// # Errors
-    /// If a quantile is none, the file is damaged there, temporary files cannot be used, or on interruption.
+    /// If a quantile is invalid, the file is corrupt there, temporary files cannot be used, or on
+    /// cancellation.
     pub fn zonal(
         &self,
         polygons: &[Polygon],
@@ -40,12 +43,14 @@ impl Dataset {
         Ok(found)
     }
 
-    /// Zonal statistics of several layers, each with the polygons in its own cells (`None` lies outside): hands out those of all layers, polygon
-    /// by polygon. Layers that share one list of polygons and are equally large share what is found of their cells, so that many
-    /// layers take little more than their values.
+    /// Computes zonal statistics of several layers, each with the polygons in its own cells (`None`
+    /// is outside of the layer). Passes the statistics of all layers to `take`, polygon by polygon.
+    /// Layers of equal size that share one list of polygons also share the computed coverage of
+    /// cells, so each further layer costs little more than reading its values.
     ///
     /// # Errors
-    /// If layers have different numbers of polygons, a quantile is none, a file is damaged there, temporary files cannot be used, `take` fails, or on interruption.
+    /// If layers have different numbers of polygons, a quantile is invalid, a file is corrupt
+    /// there, temporary files cannot be used, `take` fails, or on cancellation.
     pub fn zonal_layers(
         layers: &[(&Dataset, &[Option<Polygon>])],
         request: &ZonalRequest,
@@ -73,7 +78,8 @@ impl Dataset {
         zonal(&groups, request, progress, take)
     }
 
-    /// For each of some layers the number of the first of them that has the same cells: which lie at the same places, and are as many.
+    /// Returns, for each layer, the index of the first layer on the same grid: same extent, depth
+    /// and frame.
     pub fn same_cells(layers: &[&Dataset]) -> Vec<usize> {
         let mut grids: Vec<usize> = Vec::new();
         let is_same = |a: &Dataset, b: &Dataset| {

@@ -1,4 +1,4 @@
-//! Trees on disk: the two formats, what they have in common, and how trees are built.
+//! Trees on disk: the two formats, what they share, and how trees are built.
 
 pub mod autumnal;
 pub mod builder;

@@ -1,4 +1,5 @@
-//! Shards make the bytes that building in one go makes, and harm in what they leave for each other does no harm.
+//! Tests of shards: merged shards have the same bytes as a single-process build, and corrupt or
+//! malicious shard files cause errors and nothing worse.
 
 use std::fs;
 use std::io;
@@ -16,7 +17,7 @@ use spinney_container::{Codec, LevelCounts, Metadata, ShardSummary, SummaryWrite
 
 use crate::store::builder::ReusableSource;
 
-/// A layer of a test: what it is, and whether it comes as slabs or as a source.
+/// A layer of a test, and whether it is built from slabs or from a source.
 struct Layer {
     form: TreeType,
     extent: [u64; 3],
@@ -24,7 +25,7 @@ struct Layer {
     kind: DataKind,
     rule: Rule,
     packing: Packing,
-    /// Numbers of different values.
+    /// Number of distinct values.
     values: u64,
     from_source: bool,
 }
@@ -43,7 +44,8 @@ fn mixed(seed: u64) -> u64 {
 }
 
 impl Layer {
-    /// The number in a cell; `None` is VOID. Some squares are of one value, some VOID, some noise.
+    /// Returns the number in a cell; `None` is VOID. Some squares have one value, some are VOID,
+    /// some are noise.
     fn number(&self, cell: [u64; 3]) -> Option<u64> {
         let square = mixed(cell[0] / 96 + ((cell[1] / 96) << 16) + ((cell[2] / 96) << 32));
         match square % 5 {
@@ -90,7 +92,7 @@ impl Layer {
     }
 }
 
-/// A layer block by block.
+/// A layer, block by block.
 struct Blocks<'l> {
     layer: &'l Layer,
     codes: Vec<Code>,
@@ -132,7 +134,7 @@ impl Slabs for Blocks<'_> {
     }
 }
 
-/// The first cells of the diagonal, and a large square beside it: a source of any depth.
+/// The first cells of the diagonal, and a large square off the diagonal: a source for any depth.
 struct Sparse<'l>(&'l Layer);
 
 impl Sparse<'_> {
@@ -179,9 +181,9 @@ impl Source for Sparse<'_> {
 
 impl ReusableSource for Sparse<'_> {}
 
-/// Shards of layers that are cut at random nodes of their crowns' levels.
+/// Divides layers into shards, which are cut at random nodes of `crown_level`.
 fn cut(folder: &Path, layers: &[Layer], count: u64, seed: u64) -> Vec<Shard> {
-    // All nodes of all layers, one behind the other.
+    // Node counts of all layers; nodes are numbered consecutively across layers.
     let nodes: Vec<u64> = layers
         .iter()
         .map(|layer| {
@@ -225,7 +227,7 @@ fn write(mut file: TreeWriter, layers: &[Layer]) -> Result<()> {
     file.finish()
 }
 
-/// Builds layers in one go, and by so many shards: both have the same bytes.
+/// Builds layers in a single process and with each number of shards: the bytes must be the same.
 fn compare(layers: &[Layer], counts: &[u64]) {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
@@ -336,7 +338,7 @@ fn shards_of_sources_and_of_layers_of_several_depths() {
     compare(&layers, &COUNTS);
 }
 
-/// A job of two shards of few bytes.
+/// A job of two small shards.
 fn small_job(folder: &Path) -> (std::path::PathBuf, Vec<Shard>) {
     let mut layer = layer(Dimension::Quad, 10, [1024, 1024, 1]);
     (layer.from_source, layer.kind, layer.rule) = (true, DataKind::Categorical, Rule::Majority);
@@ -388,7 +390,7 @@ fn damage_to_what_shards_leave_is_found() {
     assert!(matches!(merge(&head, &shards), Err(Error::Unsupported { .. })));
 }
 
-/// Bytes of the only piece of a summary.
+/// Returns the bytes of a summary's only layer.
 fn piece_bytes(shard: &Shard) -> Vec<u8> {
     let summary = ShardSummary::<LevelCounts>::find(shard).unwrap().unwrap();
     let mut piece = summary.bytes_of(&summary.pieces[0]).unwrap();
@@ -399,7 +401,7 @@ fn piece_bytes(shard: &Shard) -> Vec<u8> {
     bytes
 }
 
-/// Writes a summary with other bytes, and right checksums.
+/// Writes a summary with other bytes and correct checksums.
 fn forge(shard: &Shard, bytes: &[u8], run_bytes: u64, totals: LevelCounts) {
     let mut writer = SummaryWriter::new(shard).unwrap();
     writer.begin(shard.pieces[0]);
@@ -426,7 +428,7 @@ fn harm_under_right_checksums_does_no_harm() {
                 bad[at] = byte;
                 if bad != good {
                     forge(shard, &bad, run_bytes, totals.clone());
-                    // (It may be another tree, which is as good as this one.)
+                    // (The bytes may describe another valid tree, which is no error.)
                     errors += u32::from(merge(&head, &shards).is_err());
                 }
             }
@@ -455,7 +457,7 @@ fn shards_that_do_not_fit_are_refused() {
     refused(&shards[1..], "begins at");
     let other = Shard { job: 9, ..shards[0].clone() };
     refused(&[other, shards[1].clone()], "another job");
-    // Another tree than the head's.
+    // A tree other than the head's.
     let mut layer = layer(Dimension::Quad, 10, [1024, 1023, 1]);
     (layer.from_source, layer.kind, layer.rule) = (true, DataKind::Categorical, Rule::Majority);
     let error =

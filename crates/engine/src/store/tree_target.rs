@@ -1,4 +1,4 @@
-//! Where trees are written: to a file of their own, or to a part of one.
+//! Where trees are written: to a file of their own, or to a shard of one.
 
 use std::path::PathBuf;
 
@@ -8,7 +8,7 @@ use spinney_base::Result;
 use spinney_base::io::{FileAccess, Output, folder};
 use spinney_base::space::Dimension;
 
-/// The file that trees are written to, or the part of one.
+/// The file that trees are written to, or a shard of one.
 ///
 /// ```
 /// use spinney::{FileView, Output, WriteOptions};
@@ -36,20 +36,22 @@ use spinney_base::space::Dimension;
 pub enum TreeTarget {
     /// A whole file.
     File(Output),
-    /// A file that tells of layers, and has none of their cells: see [`TreeWriter::head`].
+    /// A file with headers and metadata of layers, but without their cells: see
+    /// [`TreeWriter::head`].
     Head(Output),
     /// A shard of a file: see [`TreeWriter::shard`].
     Shard {
-        /// The file that tells of the layers.
+        /// The file with headers and metadata of the layers.
         head: PathBuf,
-        /// The part of them that is made.
+        /// The shard that is built.
         shard: Shard,
-        /// A check, such as that inputs have not changed, without which the shard does not count as made when all of its cells are there.
+        /// A check after all cells are written, such as that inputs have not changed. If it fails,
+        /// the shard does not count as complete.
         check: ShardCheck,
     },
 }
 
-/// Check that is done before a shard counts as made.
+/// Check that runs before a shard counts as complete.
 pub type ShardCheck = Box<dyn Fn() -> Result<()> + Send>;
 
 impl From<Output> for TreeTarget {
@@ -59,7 +61,7 @@ impl From<Output> for TreeTarget {
 }
 
 impl TreeTarget {
-    /// Starts writing so many layers, whose space has so many levels.
+    /// Starts writing `layers` layers, whose `space` has a dimension and a number of levels.
     ///
     /// # Errors
     /// Those of [`TreeWriter::create`], [`TreeWriter::head`] and [`TreeWriter::shard`].
@@ -71,7 +73,7 @@ impl TreeTarget {
         }
     }
 
-    /// The file that appears, if it is a whole one.
+    /// Returns the output, if it is a whole file.
     pub fn whole(&self) -> Option<&Output> {
         match self {
             TreeTarget::File(output) => Some(output),
@@ -79,7 +81,7 @@ impl TreeTarget {
         }
     }
 
-    /// How it is written.
+    /// Returns how the target is written.
     pub fn access(&self) -> &FileAccess {
         match self {
             TreeTarget::File(output) | TreeTarget::Head(output) => output.access(),
@@ -87,7 +89,8 @@ impl TreeTarget {
         }
     }
 
-    /// The folder for temporary files, beside what is written.
+    /// Returns the directory for temporary files: that of the target, or the system's if the target
+    /// is not a file.
     pub fn temporary(&self) -> PathBuf {
         match self {
             TreeTarget::File(output) | TreeTarget::Head(output) if output.is_file() => {

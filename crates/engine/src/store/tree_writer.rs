@@ -1,4 +1,4 @@
-//! Writes a tree file of either format, layer after layer.
+//! Writer of tree files of either format, layer by layer.
 
 use std::collections::HashSet;
 use std::mem;
@@ -17,16 +17,18 @@ use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Error, Progress, Result};
 use spinney_container::{Content, FileHeader, LevelCounts, Metadata, Shape, TreeFormat, check_tree_name};
 
-/// A tree file that is being written: one or more layers, one after the other, in the format that its name asks for.
+/// A tree file that is being written: one or more layers, consecutively. The name of the output
+/// determines the format.
 ///
-/// Layers are trees of one space; those of larger cells have fewer levels than the file. What is not finished leaves nothing behind.
+/// Layers are trees of one space; a layer of larger cells has fewer levels than the file. An
+/// unfinished file is removed.
 ///
 /// ```
 /// use spinney::{BuildOptions, DataKind, Dimension, Metadata, Output, SampleType, TreeType, ValueType};
 /// use spinney::raw::store::TreeWriter;
 /// use spinney::tree::{Slab, Slabs};
 ///
-/// /// One picture of 4 x 4 pixels of a grey.
+/// /// A raster of 4 x 4 pixels of one grey.
 /// struct Grey(u8);
 ///
 /// impl Slabs for Grey {
@@ -62,26 +64,26 @@ pub struct TreeWriter {
     dimension: Dimension,
     depth: u8,
     layers: u32,
-    /// Names of the layers so far.
+    /// Names of the layers written so far.
     names: HashSet<String>,
-    /// A check that comes before the end.
+    /// A check before the file is finished.
     check: Option<ShardCheck>,
 }
 
 enum File {
     Goblin(Box<FileWriter>),
     Autumnal(Box<NewFile>),
-    /// A Goblin file that tells of layers, without their cells.
+    /// A Goblin file with headers and metadata of layers, but without their cells.
     Head(Box<FileWriter>),
-    /// A part of a Goblin file.
+    /// A shard of a Goblin file.
     Shard(Box<ShardWriter>),
 }
 
 impl TreeWriter {
-    /// Starts a file of so many layers, whose space has so many levels.
+    /// Starts a file of `layers` layers, whose space has the given dimension and depth.
     ///
     /// # Errors
-    /// If the output cannot be written, or its name is that of another kind of files.
+    /// If the output cannot be written, or its name is that of another file type.
     pub fn create(output: Output, (dimension, depth): (Dimension, u8), layers: u32) -> Result<TreeWriter> {
         check_tree_name(output.path())?;
         let file = match TreeFormat::of(output.path()) {
@@ -97,8 +99,9 @@ impl TreeWriter {
         Ok(TreeWriter { file, dimension, depth, layers, names: HashSet::new(), check: None })
     }
 
-    /// Starts a file that tells of so many layers, and has none of their cells: whoever makes them is not asked for any. It is what shards of
-    /// these layers are made by: see [`TreeWriter::shard`].
+    /// Starts a file that has headers and metadata of `layers` layers, but none of their cells;
+    /// [`TreeWriter::run`] requests no cells from importers. Shards of these layers are built from
+    /// this file: see [`TreeWriter::shard`].
     ///
     /// # Errors
     /// Those of [`TreeWriter::create`]; also if the name is that of an Autumnal file.
@@ -115,8 +118,9 @@ impl TreeWriter {
         Ok(head)
     }
 
-    /// Starts a shard of the file whose layers a [head](TreeWriter::head) tells of. The same layers are made as for the head, of which only the
-    /// cells in the shard's runs are asked for; [`merge_shards`](super::goblin::merge_shards) puts shards together.
+    /// Starts a shard of the file that a [head](TreeWriter::head) describes. The caller writes the
+    /// same layers as for the head, but only the cells in the shard's runs are requested;
+    /// [`merge_shards`](super::goblin::merge_shards) merges the shards.
     ///
     /// ```
     /// use spinney::{BuildOptions, DataKind, Dimension, Output, Rule, SampleType, TreeType, ValueType};
@@ -138,7 +142,7 @@ impl TreeWriter {
     ///
     /// let head = folder.join("head.goblin");
     /// write(TreeWriter::head(Output::create(&head)?, (Dimension::Quad, 1), 1)?)?;
-    /// // A tree as small as this has one node at its crown's level, the root.
+    /// // A tree as small as this can only be cut at its root.
     /// let pieces = vec![ShardPiece { layer: 0, run: CodeRun::ALL }];
     /// let shard = Shard { folder: folder.into(), job: 1, number: 0, pieces, access: Default::default() };
     /// write(TreeWriter::shard(&head, shard.clone())?)?;
@@ -150,7 +154,7 @@ impl TreeWriter {
     /// ```
     ///
     /// # Errors
-    /// If the head cannot be read, or the shard's files not be written.
+    /// If the head cannot be read, or the shard's files cannot be written.
     pub fn shard(head: &Path, shard: Shard) -> Result<TreeWriter> {
         let planned = Goblin::open(head, &(&shard.access).into())?;
         let (dimension, layers) = (planned.header().form.dimension, planned.layers().len() as u32);
@@ -159,13 +163,14 @@ impl TreeWriter {
         Ok(TreeWriter { file, dimension, depth, layers, names: HashSet::new(), check: None })
     }
 
-    /// Has [`TreeWriter::finish`] fail, and leave nothing that counts, unless a check passes.
+    /// Adds a check, without which [`TreeWriter::finish`] fails and leaves no valid output.
     pub(super) fn checked(self, check: ShardCheck) -> TreeWriter {
         TreeWriter { check: Some(check), ..self }
     }
 
-    /// The part of the space of the next layer whose cells are asked for: all of it, unless this is a shard; none where the layer is only told
-    /// of. A slab may have others, too, which are not looked at.
+    /// Returns the run of nodes whose cells the next layer requests: all of the space, unless this
+    /// is a shard; `None` if only header and metadata are written. A slab may have other cells,
+    /// too, which are ignored.
     pub fn run(&self) -> Option<CodeRun> {
         match &self.file {
             File::Goblin(_) | File::Autumnal(_) => Some(CodeRun::ALL),
@@ -174,15 +179,17 @@ impl TreeWriter {
         }
     }
 
-    /// Whether cells have to come in the order of FD codes: see [`Slabs::are_in_order`].
+    /// Returns whether cells must be delivered in the order of FD codes: see
+    /// [`Slabs::are_in_order`].
     pub fn needs_order(&self) -> bool {
         matches!(self.file, File::Shard(_))
     }
 
-    /// Tells of the next layer, of whose cells none is asked for: see [`TreeWriter::run`].
+    /// Writes header and metadata of the next layer, none of whose cells are requested: see
+    /// [`TreeWriter::run`].
     ///
     /// # Errors
-    /// Those of [`TreeWriter::slabs`]; also if there are cells that are asked for.
+    /// Those of [`TreeWriter::slabs`]; also if cells of the layer are requested.
     pub fn tell(&mut self, form: TreeType, extent: [u64; 3], options: &BuildOptions) -> Result<()> {
         if self.run().is_some() {
             return Err(Error::invalid("layer", "no cells", "all that are asked for"));
@@ -190,7 +197,7 @@ impl TreeWriter {
         self.layer(form, options, (&extent, extent, true), &mut |_, _| Ok(()), &mut |_| {}).map(|_| ())
     }
 
-    /// Makes sure that a layer may come next.
+    /// Checks that a layer may be the next one.
     fn check(&mut self, form: TreeType, depth: u8, name: &str) -> Result<()> {
         let wrong = |found: String, expected: String| Err(Error::invalid("layer", found, expected));
         if form.dimension != self.dimension || depth > self.depth {
@@ -207,8 +214,9 @@ impl TreeWriter {
         Ok(())
     }
 
-    /// Makes the next layer of parts that `fill` hands over: beside the picture's extent stands that of the parts that
-    /// come (what is outside is VOID), and whether they come in FD order. The layer's name is that of the metadata.
+    /// Writes the next layer from the parts that `fill` pushes. The tuple has the layer's extent,
+    /// the extent of the pushed parts (all cells outside are VOID), and whether parts are pushed in
+    /// FD order. The metadata have the layer's name.
     pub(super) fn layer(
         &mut self,
         form: TreeType,
@@ -241,16 +249,18 @@ impl TreeWriter {
             }
             File::Shard(shard) => {
                 shard.layer(options, &header, (covered, in_order), fill, &mut complete)?;
-                // (Nobody knows it before all shards are there.)
+                // (The statistics are known only after all shards are merged.)
                 Ok(ZoneStats::void(form.value))
             }
         }
     }
 
-    /// Makes the next layer of slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
+    /// Writes the next layer from slabs of samples, in one pass; `nodata` is the value that means
+    /// VOID (NaN always does).
     ///
     /// # Errors
-    /// Those of [`build_slabs`](super::build_slabs); also if a layer of that name is there already.
+    /// Those of [`build_slabs`](super::build_slabs); also if the file already has a layer of that
+    /// name.
     pub fn slabs(
         &mut self,
         form: TreeType,
@@ -269,7 +279,7 @@ impl TreeWriter {
             let (mut current, mut next) = (Slab::default(), Slab::default());
             let mut more = slabs.next(&mut current)?;
             while more {
-                // The next slab is read while this one is built.
+                // Reads the next slab while this one is built.
                 let (read, built) = parallel::join(
                     || slabs.next(&mut next),
                     || builder.slab(&current, nodata, total, progress),
@@ -283,7 +293,7 @@ impl TreeWriter {
         self.layer(form, options, (&extent, extent, in_order), &mut fill, &mut |_| {}).map(|_| ())
     }
 
-    /// Makes the next layer of a tree in memory: see [`build_tree`](super::build_tree).
+    /// Writes the next layer from a tree in memory: see [`build_tree`](super::build_tree).
     ///
     /// # Errors
     /// Those of [`TreeWriter::slabs`].
@@ -297,7 +307,7 @@ impl TreeWriter {
         self.source(tree, extent, options, progress)
     }
 
-    /// Makes the next layer of any source: see [`build`](super::write::build).
+    /// Writes the next layer from any source: see [`build`](super::write::build).
     pub(crate) fn source<S: ReusableSource>(
         &mut self,
         source: &S,
@@ -308,7 +318,8 @@ impl TreeWriter {
         self.source_with(source, extent, options, progress, &mut |_| {})
     }
 
-    /// Makes the next layer of any source, whose metadata can be completed when it has been walked; of a shard they must be complete before.
+    /// Writes the next layer from any source. `complete` can complete the metadata after the source
+    /// has been traversed; for a shard they must be complete before.
     ///
     /// # Errors
     /// Those of [`TreeWriter::slabs`]; also if the source fails.
@@ -329,10 +340,11 @@ impl TreeWriter {
         self.layer(source.form(), options, parts, &mut fill, complete)
     }
 
-    /// Takes over a layer of a Goblin file as it is, with metadata that may be others; `false` if this is no Goblin file, and nothing was done.
+    /// Copies a layer of a Goblin file unchanged, optionally with other metadata. Returns `false`,
+    /// and does nothing, if this is not a Goblin file.
     ///
     /// # Errors
-    /// If the layer cannot be read, does not fit, or the file cannot be written.
+    /// If the layer cannot be read or does not fit, or the file cannot be written.
     pub(crate) fn copy(
         &mut self,
         from: &Goblin,
@@ -349,7 +361,8 @@ impl TreeWriter {
         }
     }
 
-    /// Writes what stands behind the layers, and puts the file in its place. Of a shard that has no part of any layer none need be made.
+    /// Writes the end of the file after the layers, and moves the file to its final path. A shard
+    /// without cells of any layer may be finished without writing layers.
     ///
     /// # Errors
     /// If the file cannot be written, or layers are missing.

@@ -1,4 +1,4 @@
-//! From slabs of samples, or from any source, to a tree file of either format.
+//! Builds a tree file of either format from slabs of samples or from any source.
 
 use super::builder::{BuildOptions, ReusableSource, Slabs};
 use super::tree_target::TreeTarget;
@@ -12,14 +12,15 @@ use spinney_base::value::{Value, ZoneStats};
 use spinney_base::{Progress, Result};
 use spinney_container::Metadata;
 
-/// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN always does).
+/// Builds a file from slabs of samples, in one pass; `nodata` is the value that means VOID (NaN
+/// always does).
 ///
-/// Work is spread over the threads of the current rayon pool; the bytes written do not depend on their
-/// number. Progress counts cells.
+/// Uses all threads of the current rayon pool; the bytes written do not depend on their number.
+/// Progress counts cells.
 ///
 /// # Errors
-/// If the input cannot be read, the output not be written, the depth does not hold the extent, or on
-/// interruption; nothing is left behind then.
+/// If the input cannot be read, the output cannot be written, the extent does not fit the depth, or
+/// on cancellation. No output is left then.
 pub fn build_slabs(
     form: TreeType,
     slabs: &mut dyn Slabs,
@@ -35,11 +36,11 @@ pub fn build_slabs(
 
 /// Builds a file from any source.
 ///
-/// `extent` is what the header tells as the picture's size; cells outside must be VOID. Returns what is known
-/// of all cells. What the source has stored in a file of the same rule is copied as it is.
+/// `extent` is the raster's size in the header; cells outside must be VOID. Returns statistics of
+/// all cells. If the source is stored in a file of the same rule, its records are copied unchanged.
 ///
 /// # Errors
-/// As [`build_slabs`].
+/// Those of [`build_slabs`].
 pub fn build<S: ReusableSource>(
     source: &S,
     extent: [u64; 3],
@@ -50,8 +51,8 @@ pub fn build<S: ReusableSource>(
     build_with(source, extent, options, output.into(), progress, &mut |_| {})
 }
 
-/// Builds a file from any source whose nodes are known by their codes: procedural solids, indexes of other
-/// kinds. Memory is bounded as in [`build_slabs`], whatever the source's size.
+/// Builds a file from any source whose nodes are identified by their codes: procedural solids, or
+/// other spatial indexes. Memory is bounded as in [`build_slabs`], whatever the source's size.
 ///
 /// ```
 /// use spinney::{BuildOptions, Code, DataKind, Dimension, Output, SampleType, TreeType, Value, ValueType};
@@ -104,7 +105,7 @@ pub fn build<S: ReusableSource>(
 /// ```
 ///
 /// # Errors
-/// As [`build_slabs`]; also if the source fails.
+/// Those of [`build_slabs`]; also if the source fails.
 pub fn build_source(
     source: &dyn Source<Node = Code>,
     extent: [u64; 3],
@@ -115,17 +116,17 @@ pub fn build_source(
     build(&CodedSource(source), extent, options, output, progress)
 }
 
-/// Makes sure that there is room for a tree of so many INNER nodes, by an estimate.
+/// Checks that there is enough disk space for a tree of `records` INNER nodes, by an estimate.
 ///
 /// # Errors
-/// If there is none: see [`Output::check_room`].
+/// If there is not enough: see [`Output::check_room`].
 pub fn check_room(output: &Output, form: TreeType, share: bool, records: u64) -> Result<()> {
-    // Of what stores equal subtrees once nothing is known.
+    // If equal subtrees are stored once, the size cannot be estimated.
     let least = if share { 0 } else { RecordLayout::new(form).least_node() };
     output.check_room(records.saturating_mul(least))
 }
 
-/// A source of users of the library: an object, so that they do not compile the builder.
+/// A source of a library user, as a trait object, so that users do not compile the builder.
 struct CodedSource<'a>(&'a dyn Source<Node = Code>);
 
 impl Source for CodedSource<'_> {
@@ -154,10 +155,10 @@ impl Source for CodedSource<'_> {
 
 impl ReusableSource for CodedSource<'_> {}
 
-/// Builds a file from a tree in memory: see [`build_slabs`] for what is too large for that.
+/// Builds a file from a tree in memory; for data that do not fit into memory, use [`build_slabs`].
 ///
 /// # Errors
-/// As [`build_slabs`].
+/// Those of [`build_slabs`].
 pub fn build_tree(
     tree: &MemTree,
     extent: [u64; 3],
@@ -168,10 +169,11 @@ pub fn build_tree(
     build(tree, extent, options, output, progress)
 }
 
-/// Builds a file, or a part of one, as [`build`] does; the metadata can be completed when the source has been walked.
+/// Builds a file, or a shard of one, as [`build`] does. `complete` can complete the metadata after
+/// the source has been traversed.
 ///
 /// # Errors
-/// As [`build_slabs`].
+/// Those of [`build_slabs`].
 pub fn build_with<S: ReusableSource>(
     source: &S,
     extent: [u64; 3],

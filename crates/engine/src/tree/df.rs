@@ -1,9 +1,9 @@
 //! DF-expressions: a tree in depth-first order, one symbol per node.
 //!
-//! The literature writes quadtrees with `G` (grey), `B` (black) and `W` (white), octrees with `M` (MIXED),
-//! `F` (FULL) and `V` (VOID). Leaves with other values are written as a digit, or in brackets where one digit
-//! does not do: `7`, `[12]`, `[255,0,0]`. Round parentheses and white space only group. The packed form has 2
-//! bits per node.
+//! The literature writes quadtrees with `G` (grey), `B` (black) and `W` (white), octrees with `M`
+//! (MIXED), `F` (FULL) and `V` (VOID). Leaves with other values are written as a digit, or in
+//! brackets if they need more than one digit: `7`, `[12]`, `[255,0,0]`. Parentheses and white space
+//! only group. The packed form has 2 bits per node.
 
 use std::fmt::Write;
 
@@ -15,7 +15,7 @@ use super::memory::MemTree;
 use super::source::{Child, NodeState, Source, no_children};
 use spinney_base::TreeType;
 
-/// The numbers of states in packed expressions.
+/// State numbers of packed expressions.
 const VOID: u8 = NodeState::Void as u8;
 const LEAF: u8 = NodeState::Leaf as u8;
 const INNER: u8 = NodeState::Inner as u8;
@@ -28,7 +28,7 @@ enum Symbol {
     Inner,
 }
 
-/// Letters for VOID, full LEAF and INNER.
+/// Returns the letters for VOID, full LEAF and INNER.
 fn letters(dimension: Dimension) -> [char; 3] {
     match dimension {
         Dimension::Quad => ['W', 'B', 'G'],
@@ -36,7 +36,7 @@ fn letters(dimension: Dimension) -> [char; 3] {
     }
 }
 
-/// The expression of a tree as text; leaves of value `full` are `B` or `F`.
+/// Returns the expression of a tree as text; leaves of value `full` are `B` or `F`.
 ///
 /// # Errors
 /// If the source fails.
@@ -53,7 +53,7 @@ pub fn to_text(source: &MemTree, full: Option<Value>) -> Result<String> {
     Ok(text)
 }
 
-/// Writes a value as leaves have it: as a digit, or in brackets where one digit does not do.
+/// Writes a leaf's value: a digit, or in brackets if it needs more than one digit.
 pub fn write_value(text: &mut String, value_type: ValueType, value: Value) {
     let numbers = value_type.numbers(value);
     match numbers[..] {
@@ -67,11 +67,12 @@ pub fn write_value(text: &mut String, value_type: ValueType, value: Value) {
     }
 }
 
-/// The tree of a textual expression; `B` and `F` are leaves of value `full`. The result is condensed, and its
-/// representatives follow `rule`.
+/// Returns the tree of a textual expression; `B` and `F` are leaves of value `full`. The result is
+/// condensed, and its representatives follow `rule`.
 ///
 /// # Errors
-/// If the text has a symbol that is none, ends too early, goes on after the end, or is deeper than `depth`.
+/// If the text has an unknown symbol, ends too early, continues after the end of the tree, or is
+/// deeper than `depth`.
 pub fn from_text(form: TreeType, text: &str, depth: u8, full: Value, rule: Rule) -> Result<MemTree> {
     let bad = |position: usize, found: &str, expected: &str| {
         Error::invalid(format!("DF-expression, byte {position}"), format!("`{found}`"), expected)
@@ -107,11 +108,11 @@ pub fn from_text(form: TreeType, text: &str, depth: u8, full: Value, rule: Rule)
     assemble(form, &symbols, depth, rule)
 }
 
-/// Reads the value that stands between brackets.
+/// Parses the value between brackets.
 pub fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
     let numbers: Option<Vec<Number>> = list.split(',').map(|number| number.trim().parse().ok()).collect();
     let numbers = numbers?;
-    // (No number that is none is equal to a sample, and yet samples can be none.)
+    // (NaN is not equal to any sample, but float samples can be NaN.)
     let sample = value_type.sample;
     let fits = |number: &Number| sample.can_hold(*number) || (sample.is_float() && number.is_nan());
     let is_one = numbers.len() == usize::from(value_type.channels) && numbers.iter().all(fits);
@@ -121,8 +122,8 @@ pub fn parse_value(value_type: ValueType, list: &str) -> Option<Value> {
 /// The packed expression of a tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Packed {
-    /// Two bits per symbol, the number of its [`NodeState`], first symbol in the lowest bits of the first
-    /// byte.
+    /// Two bits per symbol, the number of its [`NodeState`]; the first symbol is in the lowest bits
+    /// of the first byte.
     pub bits: Vec<u8>,
     /// Number of symbols.
     pub symbols: usize,
@@ -130,7 +131,7 @@ pub struct Packed {
     pub values: Vec<Value>,
 }
 
-/// The expression of a tree in 2 bits per node.
+/// Returns the expression of a tree in 2 bits per node.
 ///
 /// # Errors
 /// If the source fails.
@@ -154,10 +155,10 @@ pub fn to_packed(source: &MemTree) -> Result<Packed> {
     Ok(packed)
 }
 
-/// The tree of a packed expression, condensed, with representatives by `rule`.
+/// Returns the tree of a packed expression, condensed, with representatives by `rule`.
 ///
 /// # Errors
-/// If the bits or the values do not make one tree of at most `depth` levels.
+/// If bits and values do not form one tree of at most `depth` levels.
 pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Result<MemTree> {
     let bad = |found: String, expected: &str| Error::invalid("packed DF-expression", found, expected);
     if packed.bits.len() != packed.symbols.div_ceil(4) {
@@ -183,7 +184,7 @@ pub fn from_packed(form: TreeType, packed: &Packed, depth: u8, rule: Rule) -> Re
     assemble(form, &symbols, depth, rule)
 }
 
-/// Hands out a tree's symbols in order.
+/// Passes a tree's symbols to `symbol`, in order.
 fn walk(source: &MemTree, symbol: &mut dyn FnMut(Symbol)) -> Result<()> {
     let mut pending = vec![source.root()?];
     let mut children = no_children();
@@ -206,7 +207,7 @@ fn assemble(form: TreeType, symbols: &[Symbol], depth: u8, rule: Rule) -> Result
     if depth > most {
         return Err(Error::invalid("depth", depth.to_string(), format!("at most {most}")));
     }
-    // First as it is written, then condensed.
+    // The tree as written, which is condensed afterwards.
     let mut expression = MemTree { form, depth, root: Child::Void, inner: Vec::new() };
     let mut next = 0;
     expression.root = read(&mut expression, symbols, &mut next, 0)?;
@@ -217,7 +218,7 @@ fn assemble(form: TreeType, symbols: &[Symbol], depth: u8, rule: Rule) -> Result
     MemTree::from_source(&expression, rule)
 }
 
-/// Reads the expression of one node, whose first symbol has the number `next`.
+/// Parses the expression of one node, which starts at symbol `next`.
 fn read(tree: &mut MemTree, symbols: &[Symbol], next: &mut usize, level: u8) -> Result<Child<usize>> {
     let symbol = symbols.get(*next).ok_or_else(|| {
         let found = format!("its end after {} symbols", symbols.len());

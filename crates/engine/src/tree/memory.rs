@@ -1,4 +1,4 @@
-//! The tree in memory: for small trees, and the referee of the tests.
+//! The tree in memory: for small trees, and as the reference in tests.
 
 use super::source::{Child, Children, Source, no_children};
 use spinney_base::Result;
@@ -6,19 +6,20 @@ use spinney_base::TreeType;
 use spinney_base::space::{Cell, Code};
 use spinney_base::value::{Rule, Value, ZoneStats, representative};
 
-/// A tree whose nodes all lie in memory; always condensed (no INNER node has equal LEAF or only VOID
-/// children).
+/// A tree with all nodes in memory. It is always condensed: no INNER node has children that are all
+/// VOID, or LEAFs of equal value.
 #[derive(Clone, Debug)]
 pub struct MemTree {
     pub(super) form: TreeType,
     pub(super) depth: u8,
     pub(super) root: Child<usize>,
-    /// Inner nodes, children before parents.
+    /// INNER nodes, children before parents.
     pub(super) inner: Vec<Children<usize>>,
 }
 
 impl MemTree {
-    /// The tree of the cells that a function gives; `None` is VOID. Takes time proportional to the cells.
+    /// Builds a tree from a function that returns the value of each cell; `None` is VOID. Takes
+    /// time in proportion to the cells.
     ///
     /// # Panics
     /// If `depth` is more than the dimension allows.
@@ -34,10 +35,11 @@ impl MemTree {
         MemTree { form, depth, root, inner: builder.inner }
     }
 
-    /// A condensed copy of any source, with representatives by `rule`.
+    /// Copies any source to a condensed tree, with representatives by `rule`. For small trees: all
+    /// nodes are kept in memory.
     ///
     /// # Errors
-    /// If the source fails. It is for small trees: all nodes go to memory.
+    /// If the source fails.
     pub fn from_source<S: Source>(source: &S, rule: Rule) -> Result<MemTree> {
         let (form, depth) = (source.form(), source.depth());
         let mut builder = Builder { form, rule, inner: Vec::new() };
@@ -45,12 +47,12 @@ impl MemTree {
         Ok(MemTree { form, depth, root, inner: builder.inner })
     }
 
-    /// Number of INNER nodes, which is the number of records that store the tree.
+    /// Returns the number of INNER nodes, which is the number of records that store the tree.
     pub fn inner_nodes(&self) -> usize {
         self.inner.len()
     }
 
-    /// The value of a node: its own, or that of the LEAF it lies in; `None` is VOID.
+    /// Returns the value of a node: its own, or that of the LEAF it is in; `None` is VOID.
     pub fn value_at(&self, code: Code) -> Option<Value> {
         let mut child = self.root;
         for step in code.digits() {
@@ -84,7 +86,7 @@ impl Source for MemTree {
     }
 }
 
-/// Condenses and averages bottom-up.
+/// Condenses the tree and computes representatives, bottom-up.
 struct Builder {
     form: TreeType,
     rule: Rule,

@@ -1,4 +1,5 @@
-//! Trees as something to walk: sources, the tree in memory, and its expressions in text and bits.
+//! Trees that can be traversed: sources, the tree in memory, and DF-expressions as text and as
+//! bits.
 
 pub mod df;
 mod memory;

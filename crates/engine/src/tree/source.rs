@@ -1,4 +1,4 @@
-//! Sources: everything that can be walked from the root down.
+//! Sources: all trees that can be traversed from the root down.
 
 use spinney_base::Result;
 use spinney_base::TreeType;
@@ -8,14 +8,14 @@ use spinney_base::value::{Value, ZoneStats};
 /// A node without its descendants: VOID, LEAF, or INNER with a representative and a handle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Child<N> {
-    /// Nothing: outside the data, no data, empty space.
+    /// No data: outside of the extent, nodata, empty space.
     #[default]
     Void,
-    /// One value all over.
+    /// One value throughout.
     Leaf(Value),
     /// More detail below.
     Inner {
-        /// The one value that stands for the node at coarse detail.
+        /// The value of the node at coarse detail.
         representative: Value,
         /// The handle by which the source finds the children.
         node: N,
@@ -23,13 +23,13 @@ pub enum Child<N> {
 }
 
 impl<N> Child<N> {
-    /// VOID, or a LEAF.
+    /// Returns VOID for `None`, else a LEAF.
     #[inline]
     pub fn uniform(value: Option<Value>) -> Child<N> {
         value.map_or(Child::Void, Child::Leaf)
     }
 
-    /// The value (LEAF) or representative (INNER); `None` is VOID.
+    /// Returns the value (LEAF) or representative (INNER); `None` is VOID.
     #[inline]
     pub fn value(&self) -> Option<Value> {
         match self {
@@ -49,7 +49,7 @@ impl<N> Child<N> {
         }
     }
 
-    /// The state alone, without value and handle.
+    /// Returns the state alone, without value and handle.
     #[inline]
     pub fn state(&self) -> NodeState {
         match self {
@@ -59,80 +59,82 @@ impl<N> Child<N> {
         }
     }
 
-    /// Whether there is more detail below.
+    /// Returns whether there is more detail below.
     #[inline]
     pub fn is_inner(&self) -> bool {
         matches!(self, Child::Inner { .. })
     }
 }
 
-/// State of a node; the numbers are those of both formats.
+/// State of a node; both formats store these numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeState {
-    /// Nothing there.
+    /// No data.
     Void = 0,
-    /// One value all over.
+    /// One value throughout.
     Leaf = 1,
     /// More detail below.
     Inner = 2,
 }
 
-/// The children of a node in child order; a quadtree's last four entries are not used. The caller of
-/// [`Source::children`] owns the array, so that walks reuse its memory.
+/// The children of a node in child order; a quadtree does not use the last four entries. The caller
+/// of [`Source::children`] owns the array, so that traversals reuse its memory.
 pub type Children<N> = [Child<N>; 8];
 
-/// An array for the children of a node, all VOID.
+/// Returns an array for the children of a node, all VOID.
 #[inline]
 pub fn no_children<N>() -> Children<N> {
     [const { Child::Void }; 8]
 }
 
-/// Cells of a block in rows: x runs fastest, then y, then z.
+/// Cells of a block in rows: x fastest, then y, then z.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellBlock {
     /// Whether each cell has a value; `false` is VOID.
     pub present: Vec<bool>,
-    /// The values' bytes; anything where there is none.
+    /// Bytes of the values; those of VOID cells are arbitrary.
     pub values: Vec<u8>,
 }
 
 impl CellBlock {
-    /// A block of so many VOID cells, with values of so many bytes.
+    /// Returns a block of VOID cells, for values of `width` bytes.
     pub fn void(cells: usize, width: usize) -> CellBlock {
         CellBlock { present: vec![false; cells], values: vec![0; cells * width] }
     }
 }
 
-/// Everything that can be walked from the root down: a mapped file, a tree in memory, a view of either.
+/// A tree that can be traversed from the root down: a mapped file, a tree in memory, a view of
+/// either.
 ///
-/// This is the `classify` and `subdivide` scheme of the octree literature: a source says VOID, LEAF or INNER
-/// for a block and hands out its children on demand. A source need not be condensed (an INNER node may turn
-/// out to be uniform), and its representatives need not be exact: what stores a tree condenses and averages
-/// it anew.
+/// This is the `classify` and `subdivide` scheme of the octree literature: a source classifies a
+/// block as VOID, LEAF or INNER and returns its children on demand. A source need not be condensed
+/// (an INNER node may turn out to be uniform), and its representatives need not be exact: code that
+/// stores a tree condenses it and computes representatives again.
 pub trait Source: Sync {
-    /// Handle of an inner node.
+    /// Handle of an INNER node.
     type Node: Clone + Send + Sync;
 
-    /// Quadtree or octree, and the type of the values.
+    /// Returns the tree type: quadtree or octree, and the type of the values.
     fn form(&self) -> TreeType;
 
-    /// Number of levels below the root; nodes at this level are single cells and never INNER.
+    /// Returns the number of levels below the root; nodes at this level are single cells and never
+    /// INNER.
     fn depth(&self) -> u8;
 
-    /// The whole space.
+    /// Returns the root, which covers the whole space.
     ///
     /// # Errors
     /// If the source fails.
     fn root(&self) -> Result<Child<Self::Node>>;
 
-    /// Writes the children of an inner node to the first entries, in child order.
+    /// Writes the children of an INNER node to the first entries, in child order.
     ///
     /// # Errors
     /// If the source fails.
     fn children(&self, node: &Self::Node, children: &mut Children<Self::Node>) -> Result<()>;
 
-    /// All cells below an INNER node with so many levels below it, where a source has them faster than by its
-    /// children.
+    /// Returns all cells below an INNER node that has the given number of levels below it, if the
+    /// source can provide them faster than through its children.
     ///
     /// # Errors
     /// If the source fails.
@@ -140,8 +142,8 @@ pub trait Source: Sync {
         Ok(None)
     }
 
-    /// Draws a box of cells inside the tree's space, x fastest, then y, then z: values, and which of them are
-    /// not VOID. Returns whether the source can do that.
+    /// Draws a box of cells inside the tree's space, x fastest, then y, then z: values, and which
+    /// of them are not VOID. Returns whether the source supports this.
     ///
     /// # Errors
     /// If the source fails.
@@ -149,8 +151,8 @@ pub trait Source: Sync {
         Ok(false)
     }
 
-    /// Makes sure that what was read is still there: that nobody has changed the file meanwhile. To be asked
-    /// once at the end of a walk.
+    /// Checks that the file has not been changed since it was opened, so that what was read is
+    /// consistent. To be called once at the end of a traversal.
     ///
     /// # Errors
     /// If it was changed.
@@ -158,7 +160,8 @@ pub trait Source: Sync {
         Ok(())
     }
 
-    /// Zone statistics of an INNER node, where the source has them without walking below it.
+    /// Returns the zone statistics of an INNER node, if the source has them without traversing the
+    /// subtree.
     ///
     /// # Errors
     /// If the source fails.

@@ -1,7 +1,7 @@
-//! The rules at work on a block: intermediate results from level to level, and the representatives made of
-//! them.
+//! Rules applied to a block: intermediate results from level to level, and representatives computed
+//! from them.
 //!
-//! These are kernels: compiled for each type of values or width of records, and chosen once per block.
+//! These are kernels: compiled for each value type or record width, and selected once per block.
 
 use std::marker::PhantomData;
 
@@ -16,13 +16,13 @@ use spinney_base::sort;
 use spinney_base::value::{Native, Rule, Value, ValueType, break_tie, dominant};
 use spinney_container::{INNER, LEAF, VOID};
 
-/// A rule at work on a block, from the bottom up.
+/// A rule that is applied to a block, from the bottom up.
 pub(super) trait Averaging<R: Record> {
     /// Intermediate result of an INNER node: sums, class counts, or nothing.
     type Of: Copy + Default;
 
-    /// Merges children: the intermediate result of their parent, and its representative. `known` is empty if
-    /// no child is INNER; a child has `cells` cells.
+    /// Merges children: returns the intermediate result of their parent, and its representative.
+    /// `known` is empty if no child is INNER; a child has `cells` cells.
     fn merge(
         &mut self,
         states: &[u8],
@@ -31,25 +31,25 @@ pub(super) trait Averaging<R: Record> {
         cells: u32,
     ) -> (Self::Of, R::Bytes);
 
-    /// The intermediate result of a subtree of checked records of so many levels.
+    /// Returns the intermediate result of a subtree of checked records of `levels` levels.
     fn reused(&mut self, records: &[R], levels: u8) -> Self::Of;
 }
 
-/// A value of known type from its bytes.
+/// Converts bytes to a value of a type known at compile time.
 #[inline]
 pub(super) fn decode<R: Record, V: Native>(bytes: R::Bytes) -> V {
     V::from_wire(V::Wire::read_from_bytes(bytes.as_bytes()).expect("records are as wide as values"))
 }
 
-/// A value's bytes.
+/// Converts a value to its bytes.
 #[inline]
 pub(super) fn encode<R: Record, V: Native>(value: V) -> R::Bytes {
     R::Bytes::read_from_bytes(value.to_wire().as_bytes()).expect("records are as wide as values")
 }
 
-/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells they are shared among.
+/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the number of cells to divide by.
 pub(super) struct Means<V> {
-    /// Whether cells that are VOID count.
+    /// Whether VOID cells count.
     with_void: bool,
     value: PhantomData<V>,
 }
@@ -102,14 +102,14 @@ impl<V: Native, R: Record> Averaging<R> for Means<V> {
 
 /// [`Rule::Majority`]: counts per class, as a range of one arena; in any order.
 ///
-/// Compiled for each width alone: the values' type matters only where lists are sorted.
+/// Compiled only once per width: the value type matters only where lists are sorted.
 pub(super) struct Majorities<R: Record> {
     arena: Vec<(R::Bytes, u64)>,
     value_type: ValueType,
 }
 
-/// Lists of up to so many entries are searched from end to end, longer ones sorted: measured with 12 and with
-/// 200 classes at random.
+/// Lists of up to this many entries are searched linearly, longer ones sorted: measured with 12 and
+/// with 200 random classes.
 const LINEAR_SEARCH_MAX: u32 = 64;
 
 impl<R: Record> Majorities<R> {
@@ -117,7 +117,7 @@ impl<R: Record> Majorities<R> {
         Majorities { arena: Vec::new(), value_type }
     }
 
-    /// The counts of a node, by ascending value.
+    /// Returns the counts of a node, by ascending value.
     pub(super) fn list(
         &mut self,
         (start, len): (u32, u32),
@@ -128,7 +128,7 @@ impl<R: Record> Majorities<R> {
             Child::Void => Vec::new(),
             Child::Leaf(value) => vec![(value, cells as u64)],
             Child::Inner { .. } => {
-                // (It is the root's, the last of all.)
+                // (The node is the root, whose list is the last of all.)
                 self.arena.truncate((start + len) as usize);
                 self.sum_from(start as usize);
                 let counts = self.arena[start as usize..].iter();
@@ -137,7 +137,7 @@ impl<R: Record> Majorities<R> {
         }
     }
 
-    /// Adds to the list that begins at `start` and is the arena's last.
+    /// Adds cells to the arena's last list, which begins at `start`.
     #[inline]
     fn add(&mut self, start: usize, value: R::Bytes, cells: u64) {
         match self.arena[start..].iter_mut().find(|(other, _)| *other == value) {
@@ -146,7 +146,8 @@ impl<R: Record> Majorities<R> {
         }
     }
 
-    /// The value with the highest count in the arena's last list, which begins at `start`; of several the children decide.
+    /// Returns the value with the highest count in the arena's last list, which begins at `start`.
+    /// The children decide ties.
     #[inline]
     fn most_frequent(&self, start: usize, states: &[u8], values: &[R::Bytes]) -> Option<R::Bytes> {
         let list = &self.arena[start..];
@@ -160,7 +161,7 @@ impl<R: Record> Majorities<R> {
         Some(if is_tied { self.winner(list, best.1, states, values) } else { best.0 })
     }
 
-    /// The class of a list that wins a tie of those with so many cells: see [`break_tie`].
+    /// Returns the class that wins a tie of all classes with `most` cells: see [`break_tie`].
     fn winner(&self, list: &[(R::Bytes, u64)], most: u64, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
         let children =
             || states.iter().zip(values).filter(|(state, _)| **state != VOID).map(|(_, value)| value);
@@ -173,9 +174,9 @@ impl<R: Record> Majorities<R> {
         from_value::<R>(break_tie(children().map(|value| Value::from_bytes(value.as_bytes())), &tied, most))
     }
 
-    /// Sorts the arena's last list, which begins at `start`, and makes one entry of equal values.
+    /// Sorts the arena's last list, which begins at `start`, and merges entries of equal values.
     fn sum_from(&mut self, start: usize) {
-        // Sorted as plain numbers, so that sorting is compiled once for all types.
+        // Sorted by integer keys, so that sorting is compiled once for all types.
         let mut list = Vec::with_capacity(self.arena.len() - start);
         for (bytes, cells) in &self.arena[start..] {
             let value = Value::from_bytes(bytes.as_bytes());
@@ -199,8 +200,8 @@ impl<R: Record> Averaging<R> for Majorities<R> {
         known: &[Self::Of],
         cells: u32,
     ) -> (Self::Of, R::Bytes) {
-        // Lists of the level below are not freed: children of later parents stand behind them, and the whole
-        // arena goes with the block.
+        // Lists of the level below are not freed: lists of the children of later parents follow
+        // them, and the arena is freed with the block.
         let start = self.arena.len();
         let few = known.iter().map(|(_, len)| len).sum::<u32>() <= LINEAR_SEARCH_MAX;
         for (i, state) in states.iter().enumerate() {
@@ -233,7 +234,7 @@ impl<R: Record> Averaging<R> for Majorities<R> {
         let start = self.arena.len();
         let mut last = start;
         each_leaf(records, levels, |value, cells| {
-            // Neighbours are alike.
+            // Adjacent leaves often have equal values.
             if self.arena.get(last).is_none_or(|(other, _)| *other != value) {
                 self.add(start, value, 0);
                 let index = self.arena[start..].iter().position(|(other, _)| *other == value);
@@ -246,17 +247,19 @@ impl<R: Record> Averaging<R> for Majorities<R> {
     }
 }
 
-/// Chooses the representative of some children that are not all VOID, from their states and values.
+/// Chooses the representative of children that are not all VOID, from their states and values.
 type Choice<R> = fn(&Local<R>, &[u8], &[<R as Record>::Bytes]) -> <R as Record>::Bytes;
 
-/// The rules that look at the children alone. Compiled for each width; what knows the values' type is a function.
+/// Rules that need only the direct children. Compiled for each width; a function pointer selects
+/// code that depends on the value type.
 pub(super) struct Local<R: Record> {
     choose: Choice<R>,
     value_type: ValueType,
 }
 
 impl<R: Record> Local<R> {
-    /// A rule for values of the type `V`, which are those of the records; some of their samples may be missing.
+    /// Returns a rule for values of type `V`, the type of the records' values. Some of their
+    /// samples may be missing.
     pub(super) fn new<V: Native>(rule: Rule, value_type: ValueType) -> Self {
         let is_masked = value_type.channels > 1 && value_type.is_masked();
         let choose = match rule {
@@ -282,7 +285,7 @@ impl<R: Record> Averaging<R> for Local<R> {
     fn reused(&mut self, _: &[R], _: u8) {}
 }
 
-/// The values of the children of a node that are not VOID, and whether the children are INNER.
+/// Values of the children that are not VOID, and whether each is INNER.
 type SomeChildren = SmallVec<[(Value, bool); 8]>;
 
 fn some_of<R: Record>(states: &[u8], values: &[R::Bytes]) -> SomeChildren {
@@ -301,7 +304,7 @@ fn choose_extreme<V: Native, R: Record, const IS_MIN: bool>(
     states: &[u8],
     values: &[R::Bytes],
 ) -> R::Bytes {
-    // (Plain loops: this is compiled for each type twice.)
+    // (Plain loops, because this is compiled twice for each type.)
     let mut extreme: Option<V> = None;
     for (state, value) in states.iter().zip(values) {
         if *state != VOID {
@@ -316,7 +319,7 @@ fn choose_extreme<V: Native, R: Record, const IS_MIN: bool>(
     extreme.map_or(R::ZERO, encode::<R, V>)
 }
 
-/// [`Rule::Min`] and [`Rule::Max`] of the samples that are there.
+/// [`Rule::Min`] and [`Rule::Max`] of the samples that are present.
 fn choose_present<R: Record, const IS_MIN: bool>(
     local: &Local<R>,
     states: &[u8],
@@ -339,7 +342,7 @@ fn choose_dominant<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) 
     from_value::<R>(dominant(&some_of::<R>(states, values)))
 }
 
-/// [`Rule::Nearest`], and what leaves the choice open.
+/// [`Rule::Nearest`], and rules that leave the choice open.
 fn choose_first<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> R::Bytes {
     match states.iter().position(|state| *state != VOID) {
         Some(first) => values[first],
@@ -347,7 +350,8 @@ fn choose_first<R: Record>(_: &Local<R>, states: &[u8], values: &[R::Bytes]) -> 
     }
 }
 
-/// Adds neighbours, then neighbours of those, and so on: the order that defines sums of floating samples.
+/// Sums pairs of adjacent items, then pairs of those sums, and so on. This order defines the sums
+/// of floating-point samples.
 #[inline]
 pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> T {
     match items {
@@ -359,13 +363,13 @@ pub(super) fn pairwise<T: Copy>(items: &[T], add: impl Fn(T, T) -> T + Copy) -> 
     }
 }
 
-/// The bytes of a value whose type is known at run time.
+/// Returns the bytes of a value whose type is known at run time.
 #[inline]
 pub(super) fn from_value<R: Record>(value: Value) -> R::Bytes {
     R::Bytes::read_from_prefix(&value.to_bytes()).expect("16 bytes hold any value").0
 }
 
-/// Sorts a list of counts by value and makes one entry of equal values.
+/// Sorts a list of counts by value and merges entries of equal values.
 pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>) {
     let keyed = counts.drain(..).map(|(value, cells)| (value_type.order_key(value), value, cells));
     let mut keyed: Vec<(u128, Value, u64)> = keyed.collect();
@@ -373,8 +377,7 @@ pub(super) fn sum_by_value(value_type: ValueType, counts: &mut Vec<(Value, u64)>
     counts.extend(keyed.into_iter().map(|(_, value, cells)| (value, cells)));
 }
 
-/// Sorts counts by their values' keys (equal keys are equal values) and makes one entry of those that are
-/// equal.
+/// Sorts counts by their values' keys (equal keys mean equal values) and merges equal ones.
 #[inline(never)]
 fn sum_by_key(counts: &mut Vec<(u128, Value, u64)>) {
     sort::by_wide_key(counts, |(key, _, _)| *key);

@@ -1,6 +1,7 @@
-//! The nodes of one block of cells, level by level in flat arrays in Z order, where the children of a node are consecutive.
+//! The nodes of one block of cells, level by level in flat arrays in Z order, where the children of
+//! a node are consecutive.
 //!
-//! Arrays hold values as bytes, so that a block is the same for all types.
+//! Arrays store values as bytes, so that a block is the same type for all value types.
 
 use super::level::Level;
 use super::reused::{ReusedNode, ReusedRecords};
@@ -11,7 +12,7 @@ use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_container::{INNER, LEAF, LevelCounts, VOID};
 
-/// The nodes of a block, from its root down to its cells or to the leaves where a source had them.
+/// The nodes of a block, from its root down to its cells, or to the source's leaves.
 pub(super) struct Block {
     pub(super) form: TreeType,
     pub(super) code: Code,
@@ -19,12 +20,13 @@ pub(super) struct Block {
     pub(super) height: u8,
     pub(super) levels: Vec<Level>,
     pub(super) reused: ReusedRecords,
-    /// Nodes of each level below the root, which is at level 0; known once the block is reduced.
+    /// Number of nodes of each level below the root, which is at level 0; known once the block is
+    /// reduced.
     pub(super) counts: LevelCounts,
 }
 
 impl Block {
-    /// A block from the levels that a source had.
+    /// Returns a block of the levels that were gathered from a source.
     pub(super) fn new(
         form: TreeType,
         code: Code,
@@ -35,7 +37,7 @@ impl Block {
         Block { form, code, height, levels, reused, counts: LevelCounts::default() }
     }
 
-    /// The block under `code`, of `height` levels, from all its cells in Z order.
+    /// Returns the block under `code`, of `height` levels, from all its cells in Z order.
     pub(super) fn from_cells(
         form: TreeType,
         code: Code,
@@ -55,7 +57,7 @@ impl Block {
         self.form
     }
 
-    /// The block's root, once it is reduced.
+    /// Returns the block's root, once the block is reduced.
     pub(super) fn root(&self) -> Child<()> {
         let root = &self.levels[0];
         let value = root.value(self.form, 0);
@@ -66,18 +68,19 @@ impl Block {
         }
     }
 
-    /// Cells per node of the level `index` levels below the block's root.
+    /// Returns the number of cells per node of the level `index` levels below the block's root.
     pub(super) fn cells_at(&self, index: usize) -> u32 {
         self.form.dimension.cells(self.height - index as u8) as u32
     }
 
-    /// The records of a node that were taken over.
+    /// Returns the copied records of a node.
     pub(super) fn reused_records<R: Record>(&self, node: &ReusedNode) -> &[R] {
         R::of(self.reused.records(node))
     }
 }
 
-/// Hands out the leaves that the block was made of, before condensing, with their cells.
+/// Passes the leaves that the block was made of, before condensing, to `leaf`, with their number of
+/// cells.
 #[inline]
 pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes, u32)) {
     for (index, level) in block.levels.iter().enumerate() {
@@ -110,7 +113,8 @@ pub(super) fn for_leaves<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Byte
     }
 }
 
-/// Hands out the leaves of the block's tree once it is reduced, level by level, with their cells.
+/// Passes the leaves of a reduced block's tree to `leaf`, level by level, with their number of
+/// cells.
 #[inline]
 pub(super) fn for_nodes<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes, u32)) {
     let root = &block.levels[0];
@@ -126,7 +130,7 @@ pub(super) fn for_nodes<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes
         let Some(above) = index.checked_sub(1).map(|above| &block.levels[above]) else { continue };
         let values = level.values_of::<R>().chunks_exact(R::CHILDREN);
         for (group, (states, values)) in level.states.chunks_exact(R::CHILDREN).zip(values).enumerate() {
-            // (Those of parents that are uniform are leaves no more.)
+            // (Children of uniform parents no longer exist.)
             if above.states[above.parent(group)] == INNER {
                 for (state, value) in states.iter().zip(values) {
                     if *state == LEAF {
@@ -138,7 +142,8 @@ pub(super) fn for_nodes<R: Record>(block: &Block, leaf: &mut impl FnMut(R::Bytes
     }
 }
 
-/// Hands out the leaves of records that were taken over. (By a pointer: what is done with them is compiled for very many types.)
+/// Passes the leaves of copied records to `leaf`. (Dynamic dispatch, because visitors are compiled
+/// for very many types.)
 fn reused_leaves<R: Record>(records: &[R], levels: u8, leaf: &mut dyn FnMut(R::Bytes, u32)) {
     each_leaf(records, levels, |value, cells| leaf(value, cells as u32)).expect(RECORDS_ARE_CHECKED);
 }

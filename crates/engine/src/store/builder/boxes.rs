@@ -1,21 +1,23 @@
-//! Boxes of cells, in the order in which trees are built of them.
+//! Boxes of cells, in the order in which trees are built from them.
 
 use spinney_base::array;
 use spinney_base::space::{Code, CodeRun, Dimension};
 
-/// The cells of a tree that are asked for: those of nodes in a run. See [`TreeWriter::run`](crate::store::TreeWriter::run).
+/// The requested cells of a tree: those of the nodes in a run. See
+/// [`TreeWriter::run`](crate::store::TreeWriter::run).
 #[derive(Clone, Copy, Debug)]
 pub struct WantedCells {
     /// Quadtree or octree.
     pub dimension: Dimension,
     /// Levels of the tree.
     pub depth: u8,
-    /// The nodes.
+    /// The run of nodes.
     pub run: CodeRun,
 }
 
 impl WantedCells {
-    /// The node that has a square or cube, whose side is a power of two, and which lies at a multiple of that; nothing where the tree has none.
+    /// Returns the smallest node that contains a square or cube, whose side is a power of two and
+    /// whose position is a multiple of its side; `None` if it is outside of the tree.
     fn node(self, first: [u64; 3], side: u64) -> Option<Code> {
         let height = self.depth.min(side.trailing_zeros() as u8);
         let mut cell = [0; 3];
@@ -25,19 +27,20 @@ impl WantedCells {
         Code::from_cell(self.dimension, self.depth - height, cell)
     }
 
-    /// Whether something of a square or cube is wanted, by its first cell and side: a power of two, and a multiple of it.
+    /// Returns whether some cells of a square or cube are requested. Its side is a power of two,
+    /// and its first cell a multiple of the side.
     pub fn touches(self, first: [u64; 3], side: u64) -> bool {
         self.node(first, side).is_some_and(|node| self.run.touches(node))
     }
 
-    /// Whether all of it is.
+    /// Returns whether all cells of a square or cube are requested.
     fn contains(self, first: [u64; 3], side: u64) -> bool {
         self.node(first, side).is_some_and(|node| self.run.contains(node))
     }
 }
 
-/// The boxes that slabs of a picture or of a volume are made of, in FD order: squares or cubes, as large as may be, of which what is beyond the picture is
-/// cut off. Of a run they are those that have something of it.
+/// The boxes of a raster's or volume's slabs, in FD order: squares or cubes of maximum size,
+/// clipped to the extent. For a run of nodes, only boxes that intersect it.
 ///
 /// ```
 /// use spinney::Dimension;
@@ -52,16 +55,16 @@ impl WantedCells {
 pub struct SlabBoxes {
     extent: [u64; 3],
     wanted: WantedCells,
-    /// Cells along a side of a box, at most.
+    /// Maximum number of cells along a box's side.
     side: u64,
-    /// Boxes that are still to be handed out, the next one last: each its first cell, and the cells along a side. Larger ones are divided when
-    /// their turn comes.
+    /// Boxes still to be yielded, the next one last: first cell, and cells along a side. Larger
+    /// ones are divided when they are taken.
     pending: Vec<([u64; 3], u64)>,
 }
 
 impl SlabBoxes {
-    /// The boxes of a picture of so many cells along each axis that have something that is wanted. They have at most `side` cells along a side, a power of two, unless that is
-    /// less than the builder's blocks have.
+    /// Returns the boxes of an extent that contain requested cells. Their sides have at most `side`
+    /// cells, a power of two, but at least as many as the builder's blocks.
     pub fn new(extent: [u64; 3], wanted: WantedCells, side: u64) -> SlabBoxes {
         let side = side.max(SlabBoxes::least_side(wanted.dimension));
         let longest = extent.into_iter().max().unwrap_or(1).max(1);
@@ -69,7 +72,8 @@ impl SlabBoxes {
         SlabBoxes { extent, wanted, side, pending: vec![([0; 3], whole)] }
     }
 
-    /// Cells along a side of the smallest boxes: those of the builder's blocks.
+    /// Returns the number of cells along a side of the smallest boxes, which are the builder's
+    /// blocks.
     pub const fn least_side(dimension: Dimension) -> u64 {
         match dimension {
             Dimension::Quad => 256,
@@ -81,7 +85,7 @@ impl SlabBoxes {
 impl Iterator for SlabBoxes {
     type Item = ([u64; 3], [u64; 3]);
 
-    /// The next box: its first cell, and the cells along each axis.
+    /// Returns the next box: its first cell, and its number of cells along each axis.
     fn next(&mut self) -> Option<Self::Item> {
         let dimension = self.wanted.dimension;
         let axes = dimension.axes();
@@ -90,7 +94,8 @@ impl Iterator for SlabBoxes {
             if !self.wanted.touches(first, side) || (0..3).any(|axis| first[axis] >= self.extent[axis]) {
                 continue;
             }
-            // Invariant: a box has nothing that is not wanted, unless it is as small as a block, so that what a shard reads is bounded by what it makes.
+            // Invariant: a box has only requested cells, unless it is as small as a block. So the
+            // cells that a shard builds limit what it reads.
             let is_whole = self.wanted.contains(first, side);
             if side <= self.side && (is_whole || side <= SlabBoxes::least_side(dimension)) {
                 let size = array::from_fn(|axis| side.min(self.extent[axis] - first[axis]));
@@ -101,7 +106,7 @@ impl Iterator for SlabBoxes {
                 let along = |axis: usize| if axis < axes { half * (step >> axis & 1) } else { 0 };
                 array::from_fn(|axis| first[axis] + along(axis))
             };
-            // In reverse, since the last one is taken first.
+            // In reverse, because the last one is taken first.
             self.pending.extend((0..1 << axes).rev().map(|step| (child(step), half)));
         }
     }

@@ -1,21 +1,21 @@
-//! Cells of each value, counted from one end to the other.
+//! Cell counts per value, for values that are added sequentially.
 
 use super::averaging::sum_by_value;
 use spinney_base::value::{Value, ValueType};
 
-/// Bits of the hash by which values that came last are found.
+/// Bits of the hash that indexes recent values.
 const RECENT_BITS: u32 = 5;
 
-/// Counts of values, most of which have one place.
+/// Counts of values; most values have a single entry until the end.
 #[derive(Default)]
 pub(super) struct ValueCounts {
     counts: Vec<(Value, u64)>,
-    /// Places of the values that came last, by a hash of their bytes.
+    /// Indices of recent values' entries, by a hash of the value's bytes.
     recent: [u32; 1 << RECENT_BITS],
 }
 
 impl ValueCounts {
-    /// Adds cells of a value, which is given by its bytes.
+    /// Adds cells of a value, given by its bytes.
     pub(super) fn add(&mut self, bytes: &[u8], cells: u64) {
         if cells == 0 {
             return;
@@ -33,7 +33,7 @@ impl ValueCounts {
         }
     }
 
-    /// The cells of each value, in the order of values.
+    /// Returns the number of cells per value, sorted by value.
     pub(super) fn finish(mut self, value_type: ValueType) -> Vec<(Value, u64)> {
         sum_by_value(value_type, &mut self.counts);
         self.counts

@@ -1,8 +1,10 @@
-//! Turns the levels of a block into a run of records, with dense blocks where these are not much larger.
+//! Encodes the levels of a block as a run of records, with dense blocks where these are not much
+//! larger.
 //!
-//! Two passes. From the bottom up, every INNER node learns how many places of records it takes: as many as its children and
-//! one, or those of a dense block if they are few enough. Then the records are written in preorder from the top. So what is
-//! written depends on the nodes alone.
+//! There are two passes. The first goes from the bottom up and counts the record slots of every
+//! INNER node: one more than its children need, or those of a dense block if they are few enough.
+//! The second writes the records in preorder from the top. So the encoding depends only on the
+//! nodes.
 
 use std::mem;
 
@@ -16,53 +18,56 @@ use crate::store::records::{Record, RecordHead, RunChildren, RunNode, Runs};
 use spinney_base::array;
 use spinney_container::{CUT, DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
-/// Places that a node's subtree takes (0 unless it is INNER), how, and which states its bottom nodes have.
+/// Number of record slots of a node's subtree (0 unless it is INNER), whether it is a dense block,
+/// and the states of its bottom nodes.
 #[derive(Clone, Copy)]
 pub(super) struct Places(u32);
 
 impl Places {
     const COUNT: u32 = (1 << 24) - 1;
     const DENSE: u32 = 1 << 24;
-    /// The lowest of the bits for states: bit `s` of them for the state `s`.
+    /// Position of the lowest state bit: state `s` has bit `s` after it.
     const STATES_AT: u32 = 28;
 
-    /// A node at the bottom, or a uniform one above it; what is INNER at the bottom is cut off there.
+    /// Returns the value of a bottom node, or of a uniform node above the bottom. A bottom node
+    /// that is INNER becomes CUT.
     #[inline]
     pub(super) fn of_state(state: u8) -> Places {
         let state = if state == INNER { CUT } else { state };
         Places(1 << (Self::STATES_AT + u32::from(state)))
     }
 
-    /// Nodes at the bottom, or uniform ones above it.
+    /// Returns the values of bottom nodes, or of uniform nodes above the bottom.
     fn of_states(states: &[u8]) -> Vec<Places> {
         states.iter().map(|state| Places::of_state(*state)).collect()
     }
 
-    /// A node whose records were taken over.
+    /// Returns the value of a node with copied records.
     fn of_reused(node: &ReusedNode) -> Places {
         let void = if node.has_void { 1 << (Self::STATES_AT + u32::from(VOID)) } else { 0 };
         Places(node.len | 1 << (Self::STATES_AT + u32::from(LEAF)) | void)
     }
 
-    /// Places of two nodes together, and the states of both.
+    /// Adds the slots of two nodes, and joins their states.
     #[inline]
     pub(super) fn join(self, other: Places) -> Places {
-        // Invariant: counts stay below 2^24, since a block has some ten thousands of INNER nodes, and a dense
-        // block less than a record for each. What is carried further up would be taken for the mark of a
-        // dense block.
+        // Invariant: counts stay below 2^24, since a block has some ten thousand INNER nodes, and a
+        // dense block takes less than one record per node. A larger count would overflow into the
+        // mark of dense blocks.
         debug_assert!(self.count() + other.count() <= Self::COUNT);
         Places((self.count() + other.count()) | (self.0 | other.0) >> Self::STATES_AT << Self::STATES_AT)
     }
 
-    /// An INNER node, by what its children take together and the sizes of dense blocks of as many levels.
+    /// Returns the value of an INNER node from its children's sum and the sizes of dense blocks of
+    /// its number of levels.
     #[inline]
     pub(super) fn parent(self, sizes: &DenseSizes) -> Places {
         let count = 1 + self.count();
         let dense = sizes[self.states()];
-        // Invariant: which form a node takes follows from what is below it alone: records, unless a dense block takes less than
-        // a share more. So blocks in rows, in Z order and taken over from files
-        // come out alike; equal trees are equal bytes, and a node that did not change is found to be there
-        // already.
+        // Invariant: the choice between records and a dense block depends only on what is below the
+        // node: records, unless a dense block is less than 1/`SHARE` larger. So blocks in rows,
+        // blocks in Z order and copied subtrees have the same encoding. Equal trees have equal
+        // bytes, and an unchanged node is recognized in a file.
         let (taken, mark) = if dense < count + count / SHARE { (dense, Self::DENSE) } else { (count, 0) };
         Places(taken | mark | (self.states() as u32) << Self::STATES_AT)
     }
@@ -77,21 +82,24 @@ impl Places {
         (self.0 >> Self::STATES_AT) as usize
     }
 
-    /// The kind of dense block that the node becomes, if it becomes one.
+    /// Returns the kind of the node's dense block, if it becomes one.
     #[inline]
     pub(super) fn dense(self) -> Option<DenseKind> {
         if self.0 & Self::DENSE != 0 { DenseKind::of_states(self.states() as u8) } else { None }
     }
 }
 
-/// A dense block may take less than one part in so many more than records. Few large blocks are drawn much faster than many small ones with
-/// records between them: with 2 % more bytes windows of a relief take half of the time, those of a photograph three quarters.
+/// A dense block may be up to 1/`SHARE` larger than records. A few large blocks are drawn much
+/// faster than many small ones with records in between: for 2 % more bytes, windows of a relief
+/// take half of the time, and those of a photograph three quarters.
 const SHARE: u32 = 8;
 
-/// Places that dense blocks of so many levels take, their own record's included, by the states of their bottom nodes.
+/// Record slots of dense blocks of some number of levels, their own record's included, by the set
+/// of their bottom nodes' states.
 pub(super) type DenseSizes = [u32; 16];
 
-/// The sizes of dense blocks with so many levels below their root, of which `most` are allowed.
+/// Returns the sizes of dense blocks with `levels` levels below their root, of which at most `most`
+/// are allowed.
 pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
     array::from_fn(|states| match DenseKind::of_states(states as u8) {
         Some(kind) if levels <= most && dense_levels(R::DIMENSION).contains(&levels) => {
@@ -101,17 +109,18 @@ pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
     })
 }
 
-/// A node and what it is made of, in so many places.
+/// A block and the record slots of its nodes, while it is encoded.
 struct Encoder<'a, R: Record> {
     levels: &'a [Level],
     reused: &'a ReusedRecords,
     /// Levels from the root to the bottom.
     height: usize,
-    /// Levels of the largest dense blocks.
+    /// Maximum number of levels of dense blocks.
     most_dense: u8,
-    /// Of each level above the bottom.
+    /// For each level above the bottom, by node.
     places: Vec<Vec<Places>>,
-    /// Of each level, by its nodes: the number of the group of children in the next level; empty if all nodes have one.
+    /// For each level, by node: index of the node's group of children in the next level. Empty if
+    /// all nodes have a group.
     groups: Vec<Vec<u32>>,
     layout: std::marker::PhantomData<R>,
 }
@@ -119,8 +128,9 @@ struct Encoder<'a, R: Record> {
 /// No group of children.
 const NO_GROUP: u32 = u32::MAX;
 
-/// The records of a block whose first level is its root, and whose last one is at most `height` levels below that: the bottom.
-/// What is INNER there is cut off. Nothing if the root is not INNER. Dense blocks have `most_dense` levels at most.
+/// Returns the records of a block whose first level is its root. The last level, the bottom, is at
+/// most `height` levels below; INNER nodes there become CUT. Returns nothing if the root is not
+/// INNER. Dense blocks have at most `most_dense` levels.
 pub(super) fn encode<R: Record>(
     levels: &[Level],
     height: u8,
@@ -146,7 +156,7 @@ pub(super) fn encode<R: Record>(
 }
 
 impl<R: Record> Encoder<'_, R> {
-    /// Counts the places of all nodes above the bottom.
+    /// Counts the record slots of all nodes above the bottom.
     fn count(&mut self) {
         let mut places: Vec<Vec<Places>> = Vec::with_capacity(self.levels.len());
         for (index, level) in self.levels.iter().enumerate().rev() {
@@ -184,7 +194,7 @@ impl<R: Record> Encoder<'_, R> {
         self.places = places;
     }
 
-    /// Index of the first child of a node that was expanded, in the next level.
+    /// Returns the index of an expanded node's first child in the next level.
     #[inline]
     fn first_child(&self, index: usize, node: usize) -> Option<usize> {
         let group = match self.groups[index].get(node) {
@@ -194,7 +204,8 @@ impl<R: Record> Encoder<'_, R> {
         (group != NO_GROUP).then_some(group as usize * R::CHILDREN)
     }
 
-    /// Writes an INNER node of a level to its places, which begin with the first of some records; returns their number.
+    /// Writes an INNER node of a level to the first slots of `records`; returns the number of
+    /// slots.
     fn node(&self, index: usize, node: usize, records: &mut [R]) -> usize {
         let places = self.places[index][node];
         let count = places.count() as usize;
@@ -225,7 +236,7 @@ impl<R: Record> Encoder<'_, R> {
     }
 
     fn reused_at(&self, index: usize, node: usize) -> Option<&ReusedNode> {
-        // (They come in order.)
+        // (They are sorted by index.)
         let reused = &self.levels[index].reused;
         reused.binary_search_by_key(&node, |reused| reused.index as usize).ok().map(|at| &reused[at])
     }
@@ -257,7 +268,8 @@ impl<R: Record> Encoder<'_, R> {
         }
     }
 
-    /// Paints a node, `level` levels below the root of a dense block, at a place of that level.
+    /// Paints a node into a dense block, at position `at` of the level `level` levels below the
+    /// block's root.
     fn paint(
         &self,
         block: &mut Payload<'_, R::Bytes>,
@@ -288,7 +300,7 @@ impl<R: Record> Encoder<'_, R> {
 }
 
 impl Level {
-    /// The number of the group of children of each node; nothing if all nodes have one.
+    /// Returns the index of each node's group of children; empty if all nodes have a group.
     fn groups(&self) -> Vec<u32> {
         let Some(expanded) = &self.expanded else { return Vec::new() };
         let mut groups = vec![NO_GROUP; self.states.len()];
@@ -297,17 +309,17 @@ impl Level {
     }
 }
 
-/// The place of a child.
+/// Returns the position of a child.
 #[inline]
 fn child_at(at: [usize; 3], step: usize) -> [usize; 3] {
     array::from_fn(|axis| at[axis] << 1 | step >> axis & 1)
 }
 
-/// The payload of a dense block that is being made.
+/// The payload of a dense block that is being written.
 struct Payload<'p, B> {
-    /// Values of each level in rows; nothing of the first two.
+    /// Values of each level in rows; empty for the first two levels.
     rows: [&'p mut [B]; MAX_DENSE_LEVELS as usize + 1],
-    /// Bits of the bottom nodes, if the kind has them.
+    /// Bits of the bottom nodes, if the kind has a mask.
     mask: &'p mut [u8],
     /// Levels below the root.
     below: usize,
@@ -315,14 +327,14 @@ struct Payload<'p, B> {
 }
 
 impl<B: Copy> Payload<'_, B> {
-    /// Gives a node its value.
+    /// Sets the value of a node.
     fn put<R: Record<Bytes = B>>(&mut self, level: usize, [x, y, z]: [usize; 3], value: B) {
         if level >= 2 {
             self.rows[level][(z << level | y) << level | x] = value;
         }
     }
 
-    /// Gives a node and all that is below it a value and a state.
+    /// Sets value and state of a node and all nodes below it.
     fn fill<R: Record<Bytes = B>>(&mut self, level: usize, at: [usize; 3], (state, value): (u8, B)) {
         self.put::<R>(level, at, value);
         if level < self.below {
@@ -338,7 +350,7 @@ impl<B: Copy> Payload<'_, B> {
         }
     }
 
-    /// Sets the bits of all bottom nodes, whose states come in Z order.
+    /// Sets the bits of all bottom nodes, whose states are given in Z order.
     fn mask_of<R: Record<Bytes = B>>(&mut self, states: &[u8]) {
         let (first, second) = self.kind.states();
         if second.is_none() {
@@ -352,7 +364,7 @@ impl<B: Copy> Payload<'_, B> {
     }
 }
 
-/// Paints what is below a node of a run that reaches down to the cells.
+/// Paints the descendants of a node of a run that reaches down to the cells.
 fn paint_run<R: Record>(
     block: &mut Payload<'_, R::Bytes>,
     (records, node): (&[u8], RunNode),

@@ -1,12 +1,13 @@
-//! Sums over all cells of a stored subtree, in the order in which building adds them.
+//! Sums over all cells of a stored subtree, in the same order as the builder sums them.
 
 use crate::store::records::Record;
 use crate::store::records::dense::{DenseRows, dense_block, for_z_order};
 use crate::store::records::subtree::RECORDS_ARE_CHECKED;
 use spinney_container::{INNER, LEAF};
 
-/// Adds up what `leaf` makes of the LEAFs (value and cells) of a subtree of so many levels, whose records were checked:
-/// children in child order by `add`, nodes after their children. VOID is the default.
+/// Sums the results of `leaf` for the LEAFs (value and number of cells) of a subtree of `levels`
+/// levels, whose records were checked. `add` sums children in child order, and nodes after their
+/// children. VOID is the default.
 pub(super) fn fold<R: Record, T: Copy + Default>(
     records: &[R],
     levels: u8,
@@ -30,13 +31,15 @@ pub(super) fn fold<R: Record, T: Copy + Default>(
             _ => {}
         }
     }
-    // Invariant: sums are added in the order in which building adds them: children in child order, nodes
-    // after what is below. Sums of floating samples depend on it in their last bits: otherwise a tree that
-    // takes a subtree over would have other means and statistics than one that is built of the same cells.
+    // Invariant: the order of summation is that of the builder: children in child order, nodes
+    // after their descendants. It affects the last bits of floating-point sums. In any other order,
+    // a tree with copied subtrees would have other means and statistics than one built from the
+    // same cells.
     add(&sums[..R::CHILDREN])
 }
 
-/// [`fold`] of a dense block: level by level, however its cells condense. (Plain loops: this is compiled for very many types.)
+/// [`fold`] of a dense block: level by level from single cells, even if they are equal. (Plain
+/// loops, because this is compiled for very many types.)
 #[inline(never)]
 fn fold_dense<R: Record, T: Copy + Default>(
     records: &[R],

@@ -1,5 +1,5 @@
-//! Gathers the nodes of one block from a source: node by node, but for subtrees that a file has stored and
-//! small blocks of cells that the source can draw.
+//! Gathers the nodes of one block from a source: node by node, except for stored subtrees, which
+//! are copied, and for small blocks of cells that the source can draw.
 
 use std::ops::Range;
 
@@ -18,23 +18,24 @@ use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::Value;
 
-/// An INNER node whose children are still to be gathered.
+/// An INNER node whose children have not been gathered yet.
 enum Open<N> {
     /// A node of the source.
     Node(N),
-    /// Cells that were drawn: the number of their block, and the first of the node's.
+    /// Drawn cells: index of their block, and index of the node's first cell.
     Cells(u32, u32),
 }
 
-/// Records taken over and cells drawn so far, to which nodes of the levels refer by number.
+/// Copied records and drawn cells so far, which the levels' nodes refer to by index.
 struct Gathered {
     reused: ReusedRecords,
     drawn: Vec<DrawnCells>,
 }
 
 impl Block {
-    /// The block under `code`, whose root is the source's inner node `node`. Where `stored` allows it for a
-    /// node of a file at so many levels above the cells, its records are taken over.
+    /// Returns the block under `code`, whose root is the source's INNER node `node`. The records of
+    /// a stored node are copied if `may_reuse` allows it, given the node and its number of levels
+    /// above the cells.
     pub(super) fn from_source<S: ReusableSource>(
         source: &S,
         code: Code,
@@ -54,8 +55,8 @@ impl Block {
             root.expanded = Some(Vec::new());
             return Ok(Block::new(form, code, height, vec![root], gathered.reused));
         }
-        // Breadth first, since a block is made of levels in Z order: children are visited in the order of
-        // their parents, so that each level comes out sorted.
+        // Breadth first, because a block consists of levels in Z order: children are visited in the
+        // order of their parents, so each level is sorted.
         let mut levels = vec![root];
         let mut nodes = vec![open(source, &mut gathered.drawn, node.clone(), height)?];
         let mut children = no_children();
@@ -111,7 +112,7 @@ impl Block {
     }
 }
 
-/// A node of the source, or its cells where these are few and the source can draw them.
+/// Returns a node of the source, or its cells if they are few and the source can draw them.
 fn open<S: ReusableSource>(
     source: &S,
     drawn: &mut Vec<DrawnCells>,
@@ -133,7 +134,7 @@ pub(super) struct DrawnCells {
     pub(super) values: Vec<u8>,
 }
 
-/// The cells of a small block in Z order.
+/// Converts the cells of a small block to Z order.
 fn in_z_order(form: TreeType, levels: u8, rows: &CellBlock) -> DrawnCells {
     let mut cells =
         DrawnCells { present: vec![false; rows.present.len()], values: vec![0; rows.values.len()] };
@@ -148,8 +149,9 @@ fn in_z_order(form: TreeType, levels: u8, rows: &CellBlock) -> DrawnCells {
     cells
 }
 
-/// The children of a node of drawn cells, whose first cell is `start`: uniform ones become leaves of the
-/// level, the first at index `first`, all others are opened, by what `open` makes of their first cells.
+/// Adds the children of a node of drawn cells, whose first cell is `start`, to a level. Uniform
+/// children become leaves; the first child has index `first`. All others are expanded: `open` makes
+/// a handle from the index of their first cell.
 pub(super) fn cell_children<D>(
     form: TreeType,
     cells: &DrawnCells,
@@ -160,7 +162,7 @@ pub(super) fn cell_children<D>(
     (expanded, deeper, open): (&mut Vec<u32>, &mut Vec<D>, impl Fn(u32) -> D),
 ) {
     if below == 0 {
-        // Most children are single cells, which are uniform whatever they are.
+        // Most children are single cells, which are always uniform.
         let width = form.width();
         for (index, cell) in (first..).zip(start as usize..).take(form.children()) {
             if cells.present[cell] {
@@ -185,14 +187,14 @@ pub(super) fn cell_children<D>(
     }
 }
 
-/// The value that all these cells have (`None` is VOID), if they are alike.
+/// Returns the value of all these cells (`None` is VOID), if they are equal.
 fn uniform(cells: &DrawnCells, range: Range<usize>, width: usize) -> Option<Option<Value>> {
     let present = &cells.present[range.clone()];
     let values = &cells.values[range.start * width..range.end * width];
     let is_there = present[0];
-    // Without a way out in the middle, so that many are compared at a time.
+    // No early exit, so that many cells are compared at a time.
     let alike = present.iter().fold(true, |alike, other| alike & (*other == is_there));
-    // Cells that are alike are the same when moved by one.
+    // Cells are all equal if they equal themselves shifted by one.
     let same = alike && (!is_there || values[width..] == values[..values.len() - width]);
     same.then(|| is_there.then(|| Value::from_bytes(&values[..width])))
 }

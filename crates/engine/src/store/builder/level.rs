@@ -8,25 +8,26 @@ use spinney_base::TreeType;
 use spinney_base::value::Value;
 use spinney_container::{INNER, LEAF, VOID};
 
-/// The nodes of one level that were looked at, in Z order: the children of all expanded nodes of the level
+/// The visited nodes of one level, in Z order: the children of all expanded nodes of the level
 /// above.
 pub(super) struct Level {
     pub(super) states: Vec<u8>,
-    /// The values' bytes. Invariant: zeros where a node is VOID. Levels begin as zeros, and whoever makes a
-    /// node a LEAF writes its value. So bytes of files do not depend on what nobody sees; uniform VOID
-    /// children make a VOID parent of the same bytes; and who draws dense blocks need not ask for the state
-    /// of a value that is not zero.
+    /// The values' bytes. Invariant: zeros where a node is VOID. Levels are initialized with zeros,
+    /// and making a node a LEAF writes its value. So the bytes of files do not depend on invisible
+    /// values, uniform VOID children yield a VOID parent with the same bytes, and code that draws
+    /// dense blocks does not need the state of a value that is not zero.
     pub(super) values: Vec<u8>,
-    /// Indices, in this level, of the nodes whose children make up the next one; `None`: all of them.
+    /// Indices, in this level, of the nodes whose children make up the next one; `None`: all of
+    /// them.
     pub(super) expanded: Option<Vec<u32>>,
-    /// INNER nodes that came as a whole. Invariant: ascending, as those that were expanded are, since nodes
-    /// are gone through in Z order. Groups of children in the next level are told by this order, and records
-    /// are found by it: with another, nodes would get the children of others.
+    /// INNER nodes with copied records. Invariant: ascending, like those that were expanded, since
+    /// nodes are visited in Z order. This order assigns records, and groups of children in the next
+    /// level, to nodes. In any other order, nodes would get the children of others.
     pub(super) reused: Vec<ReusedNode>,
 }
 
 impl Level {
-    /// A level of so many VOID nodes.
+    /// Returns a level of `nodes` VOID nodes.
     pub(super) fn new(form: TreeType, nodes: usize) -> Level {
         Level {
             states: vec![VOID; nodes],
@@ -36,18 +37,18 @@ impl Level {
         }
     }
 
-    /// The level of a block's root, which is INNER as far as is known.
+    /// Returns the level of a block's root, which counts as INNER until the block is reduced.
     pub(super) fn root(form: TreeType) -> Level {
         Level { expanded: Some(vec![0]), ..Level::new(form, 1) }
     }
 
-    /// The values, with their width known at compile time.
+    /// Returns the values, with their width known at compile time.
     #[inline]
     pub(super) fn values_of<R: Record>(&self) -> &[R::Bytes] {
         <[R::Bytes]>::ref_from_bytes(&self.values).expect("whole values")
     }
 
-    /// A node's value.
+    /// Returns a node's value.
     #[inline]
     pub(super) fn value(&self, form: TreeType, index: usize) -> Value {
         Value::read(&self.values[index * form.width()..], form.width()).expect("a value per node")
@@ -63,7 +64,7 @@ impl Level {
         }
     }
 
-    /// Makes a node one whose records are taken over.
+    /// Makes a node an INNER node with copied records.
     pub(super) fn put_reused(&mut self, form: TreeType, representative: Value, node: ReusedNode) {
         let index = node.index as usize;
         self.states[index] = INNER;
@@ -71,7 +72,7 @@ impl Level {
         self.reused.push(node);
     }
 
-    /// The index of the node whose children are the `group`-th group of the next level.
+    /// Returns the index of the node whose children are the `group`-th group of the next level.
     #[inline]
     pub(super) fn parent(&self, group: usize) -> usize {
         self.expanded.as_ref().map_or(group, |expanded| expanded[group] as usize)

@@ -1,7 +1,8 @@
-//! The mean and the tally of blocks in whose cells samples may be missing, or that may be transparent: like the others', but a
-//! channel is made of those cells alone that have a sample in it which counts.
+//! Means and statistics of blocks whose samples may be missing or transparent. As for other blocks,
+//! but each channel includes only cells with a sample that counts.
 //!
-//! Kernels, chosen once per block for values of such a type; all other blocks know nothing of this.
+//! These are kernels, selected once per block by the value type. All other blocks have no cost from
+//! them.
 
 use std::marker::PhantomData;
 
@@ -16,7 +17,7 @@ use spinney_base::array;
 use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::{INNER, LEAF};
 
-/// A value with another one's samples in the channels in which it has none.
+/// Returns a value whose missing channels have the samples of another value.
 #[inline]
 fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: V) -> V {
     let size = V::TYPE.sample.size();
@@ -30,7 +31,7 @@ fn filled<V: Native, R: Record>(mut bytes: R::Bytes, present: [bool; 4], other: 
     decode::<R, V>(bytes)
 }
 
-/// A value of known type, with zeros where samples do not count, and which of them do.
+/// Returns a value of known type, with zeros for samples that do not count, and which of them do.
 #[inline]
 fn present<V: Native, R: Record>(value_type: ValueType, bytes: R::Bytes) -> (V, [bool; 4]) {
     let present = value_type.mask.present(V::TYPE.sample.size(), bytes.as_bytes());
@@ -45,10 +46,10 @@ fn count(counts: &mut [u32; 4], present: [bool; 4], cells: u32) {
     }
 }
 
-/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the cells that they are shared among, per channel.
+/// [`Rule::Mean`] and [`Rule::Occupancy`]: sums, and the number of cells to divide by, per channel.
 pub(super) struct MaskedMeans<V> {
     value_type: ValueType,
-    /// Whether cells count that are VOID, or have no sample.
+    /// Whether cells count that are VOID or have no sample.
     of_all: bool,
     value: PhantomData<V>,
 }
@@ -58,7 +59,8 @@ impl<V: Native> MaskedMeans<V> {
         MaskedMeans { value_type, of_all, value: PhantomData }
     }
 
-    /// The mean of each channel; what stands for one where no cell has a sample.
+    /// Returns the mean of each channel; where no cell has a sample, that is the missing value, or
+    /// transparent black.
     fn mean(&self, sums: V::BlockSums, counts: [u32; 4]) -> Value {
         let none = self.value_type.mean_of_none().unwrap_or_default();
         self.value_type.by_channel(|channel| match counts[channel] {
@@ -118,7 +120,7 @@ impl<V: Native, R: Record> Averaging<R> for MaskedMeans<V> {
     }
 }
 
-/// The tally of all the cells of a block, but for its classes.
+/// Returns the statistics of all cells of a block, without classes.
 pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
     let value_type = block.form().value;
     let is_exact = const { !V::TYPE.sample.is_float() };
@@ -128,7 +130,7 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
     let mut squares = V::BlockSquares::default();
     for_leaves::<R>(block, &mut |bytes, cells| {
         let (value, there) = present::<V, R>(value_type, bytes);
-        // Extremes of a channel begin with its first sample.
+        // The extremes of a channel start with its first sample.
         let seen = array::map(tally.present, |cells| cells > 0);
         if seen != [true; 4] {
             min = filled::<V, R>(encode::<R, V>(min), seen, value);
@@ -140,7 +142,7 @@ pub(super) fn tally<V: Native, R: Record>(block: &Block) -> ZoneStats {
         for (count, is_there) in tally.present.iter_mut().zip(there) {
             *count += if is_there { u64::from(cells) } else { 0 };
         }
-        // Other sums depend on the order of adding: see below.
+        // Floating-point sums depend on the order of summation: see below.
         if is_exact {
             sums = V::add_block_sums(sums, value.block_sums(cells));
             squares = V::add_block_squares(squares, value.block_squares(cells));

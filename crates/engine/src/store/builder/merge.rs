@@ -8,58 +8,60 @@ use spinney_base::value::{Native, Value, ValueType, erase, native, with_native_t
 /// Action at a pair of nodes when two trees are merged into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MergeAction {
-    /// Nothing.
+    /// VOID.
     Void,
-    /// The node of this tree, with all that is below it.
+    /// The node of this tree, with its subtree.
     Take(usize),
-    /// Something that neither tree has.
+    /// A fill value that neither tree has.
     Fill,
-    /// A LEAF with the joined values of two nodes that are uniform, or nothing: see [`Join`].
+    /// A LEAF with the joined values of two uniform nodes, or VOID: see [`Join`].
     Join,
-    /// An INNER node, whose children are merged in turn.
+    /// An INNER node, whose children are merged recursively.
     Split,
 }
 
-/// Operation that joins the values of two uniform nodes to one.
+/// Operation that joins the values of two uniform nodes into one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Join {
     /// The smaller sample of each channel.
     Min,
     /// The larger sample of each channel.
     Max,
-    /// The sum per channel, kept within what the type can hold.
+    /// The sum per channel, saturating at the limits of the type.
     Add,
-    /// The difference per channel, kept within what the type can hold.
+    /// The difference per channel, saturating at the limits of the type.
     Subtract,
-    /// The value, if both are the same; else VOID.
+    /// The value, if both are equal; else VOID.
     Equal,
-    /// The second value, if it is not the same as the first; else VOID.
+    /// The second value, if it differs from the first; else VOID.
     Changed,
-    /// The set operation on coverages in bytes, a VOID one being 0: see [`joined_coverage`].
+    /// The set operation on coverages in bytes, where VOID is 0: see [`joined_coverage`].
     Coverage(SetOperation),
 }
 
-/// Coverage that is full.
+/// Full coverage.
 pub const FULL_COVERAGE: u8 = u8::MAX;
 
-/// The coverage of what a set operation makes of two bodies in a cell, from theirs: the sum of the minterms (both, the first alone, the second alone,
-/// neither) that the bits of its [index](SetOperation::index) choose.
+/// Returns a cell's coverage by the result of a set operation on two bodies, from the coverages by
+/// the two: the sum of the minterms (both, only the first, only the second, neither) that the bits
+/// of its [index](SetOperation::index) select.
 ///
-/// The bodies are taken to overlap as far as they can. Nothing else makes a body without itself empty, and whatever the
-/// overlap is, what two bodies have together and what each has alone adds up to the two.
+/// The bodies are assumed to overlap as much as possible. Only this assumption makes a body minus
+/// itself empty. For any overlap, the coverage by both and the coverages by each alone are
+/// consistent with the two inputs.
 pub fn joined_coverage(operation: SetOperation, a: u8, b: u8) -> u8 {
     let both = a.min(b);
     let minterms = [both, a - both, b - both, FULL_COVERAGE - a.max(b)];
-    // Invariant: the four minterms add up to full coverage, whatever the two are: where they overlap as far
-    // as they can, what both have and what each has alone is the greater one. So no sum is more than a byte
-    // holds, and an operation and its complement make up the whole. With any other overlap for one of them,
-    // sums would wrap round.
+    // Invariant: the four minterms add up to full coverage for any inputs: with maximum overlap,
+    // both and each alone sum up to the larger input. So no sum exceeds a byte, and an operation
+    // and its complement add up to full coverage. If one of the minterms assumed another overlap,
+    // sums would wrap around.
     let index = operation.index();
     (0..4).filter(|bit| index >> bit & 1 != 0).map(|bit| minterms[bit]).sum()
 }
 
 impl Join {
-    /// Joins two values; `None` is VOID. What is computed with samples is missing where one of them is.
+    /// Joins two values; `None` is VOID. A computed sample is missing if one of its operands is.
     pub fn values(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
         match self {
             Join::Coverage(operation) => {
@@ -71,7 +73,7 @@ impl Join {
         }
     }
 
-    /// Joins two values that are no coverages.
+    /// Joins two values that are not coverages.
     fn samples(self, value_type: ValueType, a: Value, b: Value) -> Option<Value> {
         let joined = with_native_type!(value_type, V => self.native::<V>(native(a), native(b)).map(erase))?;
         let missing = value_type.all_missing().filter(|_| self.computes_samples());
@@ -82,7 +84,7 @@ impl Join {
         any.then(|| value_type.by_channel(|channel| if is_there(channel) { joined } else { missing }))
     }
 
-    /// Whether values are made sample by sample, instead of taken as they are.
+    /// Returns whether values are computed sample by sample, instead of copied as a whole.
     pub(crate) fn computes_samples(self) -> bool {
         matches!(self, Join::Min | Join::Max | Join::Add | Join::Subtract)
     }
@@ -102,7 +104,7 @@ impl Join {
     }
 }
 
-/// Joins coverages channel by channel into the first; tells whether there is any left.
+/// Joins coverages channel by channel into the first; returns whether any coverage is left.
 #[inline]
 pub(super) fn join_coverages(operation: SetOperation, coverages: &mut [u8], others: &[u8]) -> bool {
     for (a, b) in coverages.iter_mut().zip(others) {
@@ -111,12 +113,12 @@ pub(super) fn join_coverages(operation: SetOperation, coverages: &mut [u8], othe
     coverages.iter().any(|coverage| *coverage != 0)
 }
 
-/// A tree's node as merge actions tell nodes apart.
+/// State of a node as distinguished by merge actions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MergeState {
-    /// Nothing there.
+    /// No data.
     Void = 0,
-    /// One value all over; full, where coverages are merged.
+    /// One value throughout; full, where coverages are merged.
     Leaf = 1,
     /// More detail below.
     Inner = 2,
@@ -135,38 +137,38 @@ impl From<NodeState> for MergeState {
     }
 }
 
-/// Merge actions by what each of two trees has at a node.
+/// Merge actions by the states of the two trees at a node.
 #[derive(Clone, Copy, Debug)]
 pub struct MergeTable([[MergeAction; 4]; 4]);
 
 impl MergeTable {
-    /// Asks once for each pair of states.
+    /// Returns the table of an action; calls `action` once for each pair of states.
     pub fn new(action: impl Fn([MergeState; 2]) -> MergeAction) -> MergeTable {
         const STATES: [MergeState; 4] =
             [MergeState::Void, MergeState::Leaf, MergeState::Inner, MergeState::Partial];
         MergeTable(STATES.map(|first| STATES.map(|second| action([first, second]))))
     }
 
-    /// The action for a pair of states.
+    /// Returns the action for a pair of states.
     #[inline]
     pub fn get(&self, [first, second]: [MergeState; 2]) -> MergeAction {
         self.0[first as usize][second as usize]
     }
 }
 
-/// A way to merge two trees into one.
+/// How two trees are merged into one.
 #[derive(Clone, Copy, Debug)]
 pub struct Merging {
-    /// Actions by what the trees have.
+    /// Actions by the states of the trees' nodes.
     pub(crate) actions: MergeTable,
-    /// Operation on values where the actions say so.
+    /// Operation on values, for actions that join them.
     pub join: Join,
-    /// The value of LEAFs that are full, where coverages are merged: see [`MergeState::Partial`].
+    /// The value of full LEAFs, where coverages are merged: see [`MergeState::Partial`].
     pub full: Option<Value>,
 }
 
 impl Merging {
-    /// The action for a pair of nodes.
+    /// Returns the action for a pair of nodes.
     #[inline]
     pub fn action<N>(&self, nodes: [&Child<N>; 2]) -> MergeAction {
         self.actions.get(nodes.map(|node| match node {
@@ -176,11 +178,11 @@ impl Merging {
     }
 }
 
-/// A node of two stored trees that are merged into one, cell by cell, with all that is below it.
+/// A node of two stored trees that are merged into one, cell by cell, with its subtree.
 #[derive(Clone, Copy)]
 pub struct Overlay<'a> {
     /// The node of each of the two trees.
     pub nodes: [Child<StoredNode<'a>>; 2],
-    /// The way to merge them.
+    /// How they are merged.
     pub(crate) merging: Merging,
 }

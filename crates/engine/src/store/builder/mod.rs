@@ -1,8 +1,28 @@
-//! Building: from slabs of samples, or from any source, to parts of a tree, whatever the format that they are
-//! stored in.
+//! Building: converts slabs of samples, or any source, to encoded subtrees, for both file formats.
 //!
-//! Building is bottom-up and streaming: blocks of cells become parts of the tree (`block`), and what makes a
-//! file of parts, a `TreeSink`, merges them and writes what is finished.
+//! Building is bottom-up and streaming:
+//!
+//! 1. An importer delivers slabs of samples (`Slabs`), or is a `Source`, such as a solid. Only the
+//!    cells of a run of nodes are requested: all of them for a whole file, some for a shard
+//!    (`TreeWriter::run`). `boxes` yields boxes that cover the run, and `walk` builds no blocks
+//!    outside of it.
+//! 2. `walk` processes blocks of 256 x 256 (64 x 64 x 64) cells in batches, one block per thread.
+//!    `slab` converts a block's cells to Z order. `gather` collects a block from a source and
+//!    copies stored subtrees record by record.
+//! 3. `reduce` computes the block's levels from the bottom up, by the rule of `averaging` (`masked`
+//!    if samples may be missing), and condenses uniform nodes. `tally` computes the block's
+//!    statistics.
+//! 4. `encode` writes the block in preorder, as records or as dense blocks where these are not much
+//!    larger. The result is a `Part`, an encoded subtree.
+//! 5. A `TreeSink` takes parts, merges complete siblings, and writes finished data:
+//!    `goblin::segment_builder` writes segments, `autumnal::builder` the records that the file does
+//!    not have yet. Sources deliver parts in FD order, slabs in any order. When a part's own
+//!    segment is sealed, `upper` encodes the levels that coarser segments need again, because their
+//!    bottom is another one.
+//!
+//! Blocks of slabs without VOID take a faster path for some rules and value types (`rows`): they
+//! stay in rows instead of Z order, and kernels process many cells at a time. The records are the
+//! same.
 
 mod averaging;
 mod block;
@@ -49,5 +69,5 @@ pub(in crate::store) use walk::{Builder, walk};
 use spinney_base::Result;
 use spinney_container::Shape;
 
-/// Hands parts of a tree to what makes a file of them; the shape says how large blocks are.
+/// Pushes parts of a tree to a sink; the shape determines the size of blocks.
 pub(in crate::store) type Fill<'a> = dyn FnMut(&mut dyn TreeSink, Shape) -> Result<()> + 'a;

@@ -6,58 +6,58 @@ use spinney_base::value::{DataKind, Rule};
 use spinney_base::{Error, Result};
 use spinney_container::{HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, reach};
 
-/// Options of building. The format is that of the output's name: see
+/// Options of building. The name of the output determines the format: see
 /// [`TreeFormat`](spinney_container::TreeFormat).
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub struct BuildOptions {
     /// Rule of the representatives.
     pub rule: Rule,
-    /// The meaning of the values; classes are counted per zone for categorical ones.
+    /// The meaning of the values. For categorical ones, classes are counted per zone.
     pub kind: DataKind,
     /// Levels below the root.
     pub depth: u8,
-    /// Bytes that building may use, beyond what the input itself holds.
+    /// Maximum memory of building in bytes, in addition to what the input uses.
     pub memory: u64,
-    /// The metadata of the file. The level counts are filled in.
+    /// The metadata of the file. Level counts are filled in.
     pub metadata: Metadata,
-    /// Whether equal subtrees are stored once; only Autumnal files can do that.
+    /// Whether equal subtrees are stored once; only Autumnal files support that.
     pub share: bool,
-    /// Time of the commit that an Autumnal file begins with, in seconds since the beginning of 1970.
+    /// Time of an Autumnal file's first commit, in seconds since the beginning of 1970.
     pub time: Option<i64>,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// How the file is packed, and how much precision may be lost.
     pub packing: Packing,
 }
 
-/// Options of writing a tree of another one: what that may use, and how few bytes it is to take.
+/// Options of writing a tree that is derived from another one: memory and packing.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct WriteOptions {
-    /// Bytes that writing may use.
+    /// Maximum memory of writing in bytes.
     pub memory: u64,
-    /// How few bytes the file is to take, and what it may lose for that.
+    /// How the file is packed, and how much precision may be lost.
     pub packing: Packing,
 }
 
 impl WriteOptions {
-    /// Plain segments, and so many bytes of memory.
+    /// Returns options for plain segments, with `memory` bytes of memory.
     pub fn new(memory: u64) -> WriteOptions {
         WriteOptions { memory, packing: Packing::default() }
     }
 
-    /// Chooses how segments are packed.
+    /// Sets the packing of segments.
     #[must_use]
     pub fn packing(self, packing: Packing) -> WriteOptions {
         WriteOptions { packing, ..self }
     }
 }
 
-/// Bytes that building may use if nothing is said.
+/// Default of the memory that building may use, in bytes.
 const DEFAULT_MEMORY: u64 = 256 << 20;
 
 impl BuildOptions {
-    /// A tree of so many levels; the rule is the usual one for values of this kind, nothing is told about the
-    /// data.
+    /// Returns options for a tree of `depth` levels. The rule is the usual one for values of this
+    /// kind; the metadata are empty.
     pub fn new(kind: DataKind, depth: u8) -> BuildOptions {
         let metadata = Metadata::default();
         BuildOptions {
@@ -72,55 +72,55 @@ impl BuildOptions {
         }
     }
 
-    /// For a tree of the same kind as one that is there, with nothing told about its data.
+    /// Returns options for a tree with the properties of an existing one, with empty metadata.
     pub fn like(header: &Header, memory: u64) -> BuildOptions {
         let Header { rule, kind, shape, .. } = *header;
         BuildOptions { rule, memory, ..BuildOptions::new(kind, shape.depth) }
     }
 
-    /// [`BuildOptions::like`], written as is asked for.
+    /// [`BuildOptions::like`] with options of writing.
     pub(crate) fn written_like(header: &Header, how: WriteOptions) -> BuildOptions {
         BuildOptions::like(header, how.memory).written(how)
     }
 
-    /// Chooses all that is asked for of writing.
+    /// Sets all options of writing.
     #[must_use]
     pub fn written(self, how: WriteOptions) -> BuildOptions {
         let WriteOptions { memory, packing } = how;
         BuildOptions { memory, packing, ..self }
     }
 
-    /// Chooses how representatives are made.
+    /// Sets the rule of the representatives.
     #[must_use]
     pub fn rule(self, rule: Rule) -> BuildOptions {
         BuildOptions { rule, ..self }
     }
 
-    /// Chooses the bytes that building may use.
+    /// Sets the maximum memory of building, in bytes.
     #[must_use]
     pub fn memory(self, memory: u64) -> BuildOptions {
         BuildOptions { memory, ..self }
     }
 
-    /// Chooses what is told about the data.
+    /// Sets the metadata.
     #[must_use]
     pub fn metadata(self, metadata: Metadata) -> BuildOptions {
         BuildOptions { metadata, ..self }
     }
 
-    /// Chooses whether equal subtrees are stored once.
+    /// Sets whether equal subtrees are stored once.
     #[must_use]
     pub fn share(self, share: bool) -> BuildOptions {
         BuildOptions { share, ..self }
     }
 
-    /// Chooses the time of the commit that an Autumnal file begins with.
+    /// Sets the time of an Autumnal file's first commit.
     #[must_use]
     pub fn time(self, time: Option<i64>) -> BuildOptions {
         BuildOptions { time, ..self }
     }
 
-    /// Chooses how segments are packed.
+    /// Sets the packing of segments.
     #[must_use]
     pub fn packing(self, packing: Packing) -> BuildOptions {
         BuildOptions { packing, ..self }
@@ -130,10 +130,11 @@ impl BuildOptions {
         self.kind == DataKind::Categorical || self.rule == Rule::Majority
     }
 
-    /// The header of the file, which a Goblin file has as it is.
+    /// Returns the header of the file, which a Goblin file stores unchanged.
     ///
     /// # Errors
-    /// If trees cannot be so deep, or have no room for so many cells; or if cells are to be rounded that cannot be.
+    /// If the depth exceeds the maximum or the extent does not fit the depth; or if rounding is
+    /// requested for values that cannot be rounded.
     pub fn header(&self, form: TreeType, extent: [u64; 3]) -> Result<Header> {
         let dimension = form.dimension;
         if self.depth > dimension.max_depth() {
@@ -159,9 +160,10 @@ impl BuildOptions {
     }
 }
 
-/// The smallest depth whose space holds so many cells along every axis.
+/// Returns the minimum depth whose space has the extent's number of cells along every axis.
 pub fn depth_for(extent: [u64; 3]) -> u8 {
     let most = extent.into_iter().max().unwrap_or(1).max(1);
-    // (More than 2^63 fit in no tree, whatever is answered.)
+    // (No tree has more than 2^63 cells along an axis, so the result for these only has to be too
+    // large.)
     most.checked_next_power_of_two().map_or(64, |side| side.trailing_zeros() as u8)
 }

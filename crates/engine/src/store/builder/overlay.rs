@@ -1,4 +1,5 @@
-//! Gathers the nodes of one block from two stored subtrees that are merged: what set operations spend their time on.
+//! Gathers the nodes of one block from two stored subtrees that are merged. Set operations spend
+//! most of their time here.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -20,32 +21,32 @@ use spinney_base::value::{Native, Value};
 use spinney_container::{INNER, LEAF, VOID};
 
 impl Block {
-    /// The block under `code` of two stored subtrees, merged: what set operations spend most of their time
-    /// on. `None` if records contradict each other; going through them the usual way tells what is wrong.
+    /// Returns the block under `code` of two stored subtrees, merged. `None` if records are
+    /// inconsistent; the slower node-by-node path then reports the error.
     pub(super) fn from_overlay(
         form: TreeType,
         overlay: &Overlay<'_>,
         code: Code,
         height: u8,
     ) -> Result<Option<Self>> {
-        // (In variables of their own: the records are borrowed from them.)
+        // (In variables, because the records are borrowed from them.)
         let (first, second) = (subtree(&overlay.nodes[0])?, subtree(&overlay.nodes[1])?);
         let records = [&first, &second].map(|subtree| subtree.as_ref().map_or(&[][..], Subtree::records));
         let layout = RecordLayout::new(form);
         let reused = ReusedRecords::new(layout, height);
         Ok(with_form_type!(form, V, R => {
-            // (A pointer, so that merging is compiled for widths and not for types.)
+            // (A function pointer, so that merging is compiled per width and not per type.)
             Merger::<R>::new(form, overlay, records, join_values::<V, R>).block(code, height, reused)
         }))
     }
 }
 
-/// The states of cells.
+/// Returns the states of cells.
 fn states_of(present: &[bool]) -> Vec<u8> {
     present.iter().map(|present| if *present { LEAF } else { VOID }).collect()
 }
 
-/// The records of an INNER node and of all below it.
+/// Returns the records of an INNER node's subtree.
 fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
     match node {
         Child::Inner { node, .. } => node.subtree().map(Some),
@@ -53,7 +54,7 @@ fn subtree<'a>(node: &Child<StoredNode<'a>>) -> Result<Option<Subtree<'a>>> {
     }
 }
 
-/// A node of one of two trees that are merged: its state, its value, and the number of its record if it is
+/// A node of one of two merged trees: its state, its value, and the index of its record if it is
 /// INNER.
 #[derive(Clone, Copy)]
 struct MergeNode<B> {
@@ -62,15 +63,16 @@ struct MergeNode<B> {
     record: u32,
 }
 
-/// Work that is still to be opened.
+/// A node whose children have not been gathered yet.
 enum Open<B> {
     /// Two nodes whose children are to be merged.
     Pair([MergeNode<B>; 2]),
-    /// Merged cells: the number of their block, and the first of the node's.
+    /// Merged cells: index of their block, and index of the node's first cell.
     Cells(u32, u32),
 }
 
-/// The node as merge actions tell it apart; `full` is the value of LEAFs that are full, where that matters.
+/// Returns the state that merge actions distinguish; `full` is the value of full LEAFs, where that
+/// matters.
 #[inline]
 fn merge_state<B: PartialEq + Copy>(node: MergeNode<B>, full: Option<B>) -> MergeState {
     match full {
@@ -79,7 +81,8 @@ fn merge_state<B: PartialEq + Copy>(node: MergeNode<B>, full: Option<B>) -> Merg
     }
 }
 
-/// The value that a VOID node is joined with, or a LEAF. (What is in a record where a child is VOID does not matter.)
+/// Returns a node's value for joining, 0 for a VOID node. (The bytes that a record stores for a
+/// VOID child are ignored.)
 #[inline]
 fn value_or_zero<R: Record>(node: &MergeNode<R::Bytes>) -> R::Bytes {
     if node.state == NodeState::Void { R::ZERO } else { node.value }
@@ -88,7 +91,7 @@ fn value_or_zero<R: Record>(node: &MergeNode<R::Bytes>) -> R::Bytes {
 /// A function that joins the values of two LEAFs; `None` is VOID.
 type JoinValues<B> = fn(Join, B, B) -> Option<B>;
 
-/// [`Join::native`] of values' bytes; what is not a number is VOID.
+/// [`Join::native`] for the bytes of values; NaN is VOID.
 fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Option<R::Bytes> {
     if let Join::Coverage(operation) = join {
         let mut coverages = a;
@@ -98,13 +101,13 @@ fn join_values<V: Native, R: Record>(join: Join, a: R::Bytes, b: R::Bytes) -> Op
     (!value.is_nan()).then(|| encode::<R, V>(value))
 }
 
-/// Two subtrees of records, and the way to merge them.
+/// Two subtrees of records, and how to merge them.
 struct Merger<'a, R: Record> {
     form: TreeType,
     overlay: &'a Overlay<'a>,
     records: [&'a [R]; 2],
     join_values: JoinValues<R::Bytes>,
-    /// The value of LEAFs that are full, where that matters.
+    /// The value of full LEAFs, where that matters.
     full: Option<R::Bytes>,
 }
 
@@ -127,7 +130,7 @@ impl<'a, R: Record> Merger<'a, R> {
         [root(&self.overlay.nodes[0]), root(&self.overlay.nodes[1])]
     }
 
-    /// The block at a node; `None` if records contradict each other.
+    /// Returns the block at a node; `None` if records are inconsistent.
     fn block(&self, code: Code, height: u8, mut reused: ReusedRecords) -> Option<Block> {
         let root = self.root();
         if let Some(DrawnCells { present, values }) = self.cells(&root, height) {
@@ -143,7 +146,7 @@ impl<'a, R: Record> Merger<'a, R> {
         self.overlay.merging.actions.get([merge_state(first, self.full), merge_state(second, self.full)])
     }
 
-    /// The levels of the two subtrees, merged; `None` if records contradict each other.
+    /// Returns the levels of the two subtrees, merged; `None` if records are inconsistent.
     fn levels(
         &self,
         root: [MergeNode<R::Bytes>; 2],
@@ -191,8 +194,9 @@ impl<'a, R: Record> Merger<'a, R> {
                                     level.values[index * width..][..width].copy_from_slice(value.as_bytes());
                                 }
                                 NodeState::Inner => {
-                                    // Invariant: the record's extent lies in its parent's: `merge_children`
-                                    // has looked. So this slice is there, and `take` counts what is in it.
+                                    // Invariant: the record's extent lies in its parent's, as
+                                    // `merge_children` has checked. So this slice exists, and
+                                    // `take` checks and counts its records.
                                     let subtree = &self.records[tree][record as usize..];
                                     let subtree = &subtree[..subtree[0].skip() as usize];
                                     let node = reused.take(index, subtree.as_bytes(), below)?;
@@ -233,8 +237,8 @@ impl<'a, R: Record> Merger<'a, R> {
         Some(levels)
     }
 
-    /// The cells of two nodes with so many levels below them, merged one by one, if one of them at least is a dense block; `None`
-    /// if none is, or if records contradict each other.
+    /// Merges two nodes with `levels` levels below them cell by cell, if at least one of them is a
+    /// dense block; `None` if none is, or if records are inconsistent.
     fn cells(&self, pair: &[MergeNode<R::Bytes>; 2], levels: u8) -> Option<DrawnCells> {
         let is_dense = |tree: usize| {
             let record = self.records[tree].get(pair[tree].record as usize);
@@ -273,7 +277,8 @@ impl<'a, R: Record> Merger<'a, R> {
         is_good.then_some(merged)
     }
 
-    /// A node with so many levels below it, cell by cell; `None` if its records contradict each other.
+    /// Returns a node with `levels` levels below it as cells; `None` if its records are
+    /// inconsistent.
     fn side(&self, tree: usize, node: &MergeNode<R::Bytes>, levels: u8) -> Option<Side<'a, R>> {
         if node.state != NodeState::Inner {
             return Some(Side::Uniform(*node));
@@ -281,9 +286,9 @@ impl<'a, R: Record> Merger<'a, R> {
         let records = self.records[tree];
         if records.get(node.record as usize)?.is_dense() {
             let block = dense_block(records, node.record as usize)?;
-            // Invariant: both sides are cells of the same number of levels, in rows, none of which is cut
-            // off. So cells with the same index are in the same place. A block that ends above the cells
-            // would be compared with others' cells.
+            // Invariant: both sides are cells of the same number of levels, in rows, and none is
+            // CUT. So cells with the same index have the same position. The values of a block that
+            // ends above the cells would be merged with those of other cells.
             let is_whole = block.levels == levels && block.kind.is_leaves();
             return is_whole.then(|| Side::Dense(block, block.values_of::<R>(levels)));
         }
@@ -294,7 +299,7 @@ impl<'a, R: Record> Merger<'a, R> {
     }
 }
 
-/// One of two nodes that are merged cell by cell: cells in rows, unless all are the same.
+/// One of two nodes that are merged cell by cell: cells in rows, unless the node is uniform.
 enum Side<'a, R: Record> {
     Uniform(MergeNode<R::Bytes>),
     Dense(DenseBlock<'a>, &'a [R::Bytes]),
@@ -315,8 +320,8 @@ impl<R: Record> Side<'_, R> {
     }
 }
 
-/// Paints a node with so many levels below it to its place in a block of cells of `whole` levels; `None` if records contradict
-/// each other.
+/// Paints a node with `levels` levels below it into a block of cells of `whole` levels, at the
+/// position `at`; returns `None` if records are inconsistent.
 fn paint<R: Record>(
     records: &[R],
     node: &MergeNode<R::Bytes>,
@@ -358,7 +363,8 @@ fn paint<R: Record>(
     Some(())
 }
 
-/// The children of a node, those of a uniform one like it. `None` if its record lies.
+/// Returns the children of a node; those of a uniform node equal the node. `None` if its record is
+/// inconsistent.
 #[inline]
 fn merge_children<R: Record>(records: &[R], node: &MergeNode<R::Bytes>) -> Option<[MergeNode<R::Bytes>; 8]> {
     let mut children = [*node; 8];

@@ -1,4 +1,4 @@
-//! How few bytes a tree is to take, and what it may lose for that.
+//! Packing of a tree, and the precision that may be lost.
 
 use std::path::Path;
 
@@ -8,40 +8,41 @@ use spinney_base::value::{DataKind, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Metadata, TreeFormat};
 
-/// How few bytes a tree is to take, and what it may lose for that: plain segments, and nothing, unless something else is said.
+/// Packing of a tree, and the precision that may be lost. The default is plain segments without
+/// loss.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct Packing {
     /// Packing of segments; only Goblin files can have packed ones.
     pub codec: Codec,
-    /// By how much samples of cells may differ from what they were: they are rounded to multiples of a power of two, of which packed
-    /// segments store no more digits than they have. Coarser levels and statistics are those of the rounded cells. Nothing is rounded
-    /// without it.
+    /// Maximum absolute difference of a cell's sample from the original. Samples are rounded to
+    /// multiples of a power of two, and packed segments store only the remaining digits. Coarser
+    /// levels and statistics are those of the rounded cells. `None` rounds nothing.
     #[serde(with = "spinney_base::text_fields")]
     pub max_error: Option<f64>,
 }
 
 impl Packing {
-    /// Packed segments.
+    /// Returns packing of segments without loss.
     pub fn packed() -> Packing {
         Packing { codec: Codec::Packed, max_error: None }
     }
 
-    /// Chooses by how much samples may differ from what they were.
+    /// Sets the maximum difference of samples from the originals.
     #[must_use]
     pub fn max_error(self, max_error: Option<f64>) -> Packing {
         Packing { max_error, ..self }
     }
 
-    /// Tells in a tree's metadata by how much its cells may differ from what they were.
+    /// Records the maximum error of cells in a tree's metadata.
     pub(crate) fn tell(&self, metadata: &mut Metadata) {
         if let Some(most) = self.max_error {
             metadata.add_error(most);
         }
     }
 
-    /// Makes sure that a file of this name can have a tree that is packed like this.
+    /// Checks that a file of this name can have a tree packed like this.
     ///
     /// # Errors
     /// If it would be an Autumnal file, which has no segments.
@@ -52,10 +53,11 @@ impl Packing {
         }
     }
 
-    /// The rounding of cells with values of a type and a kind.
+    /// Returns the rounding of cells, by type and kind of their values.
     ///
     /// # Errors
-    /// If values are names, which cannot be rounded, or the greatest error is no number above 0.
+    /// If values are classes, which cannot be rounded, or the maximum error is not a positive
+    /// number.
     pub(in crate::store) fn rounding(&self, value: ValueType, kind: DataKind) -> Result<Option<Rounding>> {
         match self.max_error {
             None => Ok(None),
@@ -68,7 +70,7 @@ impl Packing {
     }
 }
 
-/// The error for packing in an Autumnal file.
+/// Returns the error for packing in an Autumnal file.
 pub(in crate::store) fn no_segments(path: &Path) -> Error {
     let advice =
         "history is made smaller by `spinney compact --pack`; give the output a name that ends with .goblin";

@@ -1,4 +1,5 @@
-//! Parts of a tree on their way up: merged four (or eight) by four, sealed into segments.
+//! Parts: encoded subtrees, which are merged by four (or eight) on the way up, and sealed into
+//! segments.
 
 use super::upper::upper_levels;
 use crate::store::records::subtree::BadSkip;
@@ -12,13 +13,13 @@ use spinney_container::{CUT, LevelCounts, Shape};
 /// A number of records that makes a node heavy in a file of any shape.
 pub(in crate::store) const ALWAYS_HEAVY: u64 = u32::MAX as u64;
 
-/// A node and what coarser segments still need of the tree below it.
+/// A node, and the records below it that coarser segments still need.
 #[derive(Clone)]
 pub(in crate::store) struct Part {
     pub(in crate::store) code: Code,
     pub(in crate::store) child: Child<()>,
-    /// Records of the whole subtree, written and forgotten ones included; [`ALWAYS_HEAVY`] or more where
-    /// nobody counted.
+    /// Records of the whole subtree, including those that were written and dropped;
+    /// [`ALWAYS_HEAVY`] or more if they were not counted.
     pub(in crate::store) total: u64,
     /// Records in preorder: all of them, or those above a cut.
     pub(in crate::store) records: Vec<u8>,
@@ -30,11 +31,11 @@ pub(in crate::store) struct SealedSegment {
     pub(in crate::store) code: Code,
     pub(in crate::store) records: Vec<u8>,
     pub(in crate::store) tally: ZoneStats,
-    /// Records and class counts in fewer bytes, where these are to be written instead.
+    /// Packed records and class counts, if these are to be written instead.
     pub(in crate::store) packed: Option<Vec<u8>>,
 }
 
-/// The uniform node that children make together, if they are all VOID or all LEAFs of one value.
+/// Returns the uniform node that the children form if all are VOID, or all LEAFs of one value.
 fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<Child<()>> {
     let first = children.next()?.map_node(|_| ());
     let alike = children.all(|child| match (first, child) {
@@ -45,7 +46,8 @@ fn uniform_children<N>(mut children: impl Iterator<Item = Child<N>>) -> Option<C
     (alike && !first.is_inner()).then_some(first)
 }
 
-/// The representative of a node of so many cells from its children and from the tally of what is below it.
+/// Returns the representative of a node of `cells` cells from its children and the statistics of
+/// its cells.
 fn representative_of<N>(
     rule: Rule,
     children: impl Iterator<Item = Child<N>>,
@@ -60,7 +62,7 @@ fn representative_of<N>(
 }
 
 impl Part {
-    /// A block of one value, or VOID.
+    /// Returns a uniform block: of one value, or VOID.
     pub(in crate::store) fn uniform(
         code: Code,
         depth: u8,
@@ -76,12 +78,12 @@ impl Part {
         Part { code, child: Child::uniform(value), total: 0, records: Vec::new(), tally }
     }
 
-    /// The form of the tree.
+    /// Returns the tree type.
     fn form(&self) -> TreeType {
         TreeType::new(self.code.dimension(), self.tally.value_type)
     }
 
-    /// The parent of these parts, which are all its children in order.
+    /// Returns the parent of these parts, which are all its children in order.
     pub(in crate::store) fn merge(
         code: Code,
         parts: &[Part],
@@ -100,7 +102,7 @@ impl Part {
         let mut values = Vec::with_capacity(layout.children() * layout.width);
         for (i, child) in children().enumerate() {
             let state = child.state();
-            // What is below a node may not be needed here.
+            // The records below a node may have been dropped.
             let is_cut = child.is_inner() && parts[i].records.is_empty();
             let stored = if is_cut { CUT } else { state as u8 };
             states |= u32::from(stored) << (2 * i);
@@ -112,9 +114,10 @@ impl Part {
         let skip = 1 + (below / layout.size) as u32;
         let mut records = Vec::with_capacity(layout.size + below);
         records.resize(layout.size, 0);
-        // Invariant: what is merged of parts is a plain record, whatever its children are. So the levels
-        // between a segment's node and the next candidates, whose nodes may own segments, are no part of a
-        // dense block: reading turns to these segments record by record, and would find none below a block.
+        // Invariant: merged parts always form a plain record. So the levels between a segment's
+        // node and the next candidates, whose nodes may own segments, are never inside a dense
+        // block. Readers find these segments record by record and could not find one below a dense
+        // block.
         layout.write(&mut records, &values, RecordHead { states, skip, dense: 0 });
         parts.iter().for_each(|part| records.extend_from_slice(&part.records));
         let cells = code.dimension().cells(depth - code.level());
@@ -123,20 +126,22 @@ impl Part {
         Part {
             code,
             child: Child::Inner { representative, node: () },
-            // Invariant: a node's total is no less than that of a child (those of files may lie, and so do
-            // not wrap round). So candidates above a heavy one are heavy, too. Looking for a node's segment
-            // goes from a segment's level to the next one up because of that, and what is left of a sealed
-            // part goes into a segment that reaches no deeper than it does.
+            // Invariant: a node's total is at least that of each child (totals from files may be
+            // incorrect, so the sum saturates instead of wrapping around). So candidates above a
+            // heavy one are heavy, too. The search for a node's segment depends on this: it goes
+            // from a segment's level to the next one up. And the remaining records of a sealed part
+            // go into a segment that reaches no deeper than they do.
             total: parts.iter().fold(1, |sum, part| sum.saturating_add(part.total)),
             records,
             tally,
         }
     }
 
-    /// Takes the node's own segment off, if it owns one; what is left is what the next coarser segments need.
+    /// Removes and returns the node's own segment, if it owns one. The remaining records are those
+    /// that the next coarser segments need.
     ///
     /// # Errors
-    /// If the records contradict each other, as those of parts from a file may.
+    /// If the records are inconsistent, as those of parts from a file may be.
     pub(in crate::store) fn seal(&mut self, shape: &Shape) -> Result<Option<SealedSegment>, BadSkip> {
         let mut is_bad = false;
         let sealed = self.seal_with(shape, |part, levels| {
@@ -147,7 +152,7 @@ impl Part {
         if is_bad { Err(BadSkip) } else { Ok(sealed) }
     }
 
-    /// [`Part::seal`], given what makes records of the first levels of the node.
+    /// [`Part::seal`] with a function that returns the records of the node's first levels.
     pub(super) fn seal_with(
         &mut self,
         shape: &Shape,
@@ -162,10 +167,10 @@ impl Part {
         let above = if is_root {
             Vec::new()
         } else {
-            // Invariant: no segment above reaches deeper into this node than the next one does, since all
-            // reach equally far from where they begin. So records below that level are not needed any more,
-            // and those above it are all there when the next segments are sealed. With fewer, these would
-            // lack nodes that are in no other.
+            // Invariant: no segment above reaches deeper into this node than the next one does,
+            // since all span the same number of levels. So records below that level are not needed
+            // any more, and those above it are all present when the next segments are sealed. With
+            // fewer records, those segments would lack nodes that no other segment has.
             let cut = shape.cut_level(shape.parent_segment_level(level));
             upper_levels(self, cut.saturating_sub(level))
         };

@@ -1,11 +1,12 @@
-//! Builds the tree of one block of cells: condense, average, hand over to [`encode`](super::encode).
+//! Builds the tree of one block of cells: condenses it, computes representatives, and passes it to
+//! [`encode`](super::encode).
 //!
-//! A block is worked level by level in flat arrays in Z order, where the children of a node are consecutive.
-//! There are no pointers and no recursion: the cells' level is reduced to the next one until one node is
-//! left, which gives every node's state and value.
+//! A block is processed level by level in flat arrays in Z order, where the children of a node are
+//! consecutive. There are no pointers and no recursion: the cells' level is reduced to the next one
+//! until one node is left, which determines every node's state and value.
 //!
-//! Blocks hold values as bytes; work on values is compiled for each type ([`averaging`](super::averaging), [`tally`](super::tally)) or width and chosen once per
-//! block.
+//! Blocks store values as bytes. Code that computes with values is compiled for each type
+//! ([`averaging`](super::averaging), [`tally`](super::tally)) or width and selected once per block.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -22,7 +23,8 @@ use spinney_base::value::{Native, Rule, Value};
 use spinney_container::{INNER, LevelCounts, VOID};
 
 impl Block {
-    /// Condenses and averages the block and turns it into records, with dense blocks of so many levels at most.
+    /// Condenses the block, computes representatives, and encodes it as records, with dense blocks
+    /// of at most `most_dense` levels.
     pub(super) fn build(
         mut self,
         rule: Rule,
@@ -64,19 +66,20 @@ impl Block {
         let records = with_record_type!(RecordLayout::new(form), R => {
             encode::<R>(&self.levels, self.height, most_dense, &self.reused)
         });
-        // (Of the root, whoever merges it with its siblings counts all but what is below.)
+        // (The root itself is counted where it is merged with its siblings, so `counts` gets only
+        // the nodes below it.)
         let total = self.counts.records() + u64::from(child.is_inner());
         counts.merge_below(code.level(), &self.counts);
         Part { code, child, total, records, tally }
     }
 
-    /// Cells of each value.
+    /// Returns the number of cells per value.
     fn classes(&self) -> Vec<(Value, u64)> {
         let mut leaves = ValueCounts::default();
         with_record_type!(RecordLayout::new(self.form), R => {
             let (mut last, mut sum) = (R::ZERO, 0);
             for_nodes::<R>(self, &mut |value, cells| {
-                // Neighbours are alike.
+                // Adjacent leaves often have equal values.
                 if value != last {
                     leaves.add(last.as_bytes(), sum);
                     (last, sum) = (value, 0);
@@ -89,8 +92,8 @@ impl Block {
     }
 }
 
-/// Gives every expanded node its state and value, from the bottom up, and counts nodes; returns what the averaging
-/// knows of the root.
+/// Computes state and value of every expanded node, from the bottom up, and counts nodes. Returns
+/// the rule's intermediate result for the root.
 fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A::Of {
     let mut below: Vec<A::Of> = Vec::new();
     let height = block.height;
@@ -118,8 +121,9 @@ fn reduce<R: Record, A: Averaging<R>>(block: &mut Block, averaging: &mut A) -> A
     below.first().copied().unwrap_or_default()
 }
 
-/// Gives the parents of one level of nodes their states and values; a child has `cells` cells. `below` is what is known of
-/// the INNER children, `known` of the parents. Returns the VOID, LEAF and INNER nodes of the children's level.
+/// Computes states and values of the parents of one level of nodes; a child has `cells` cells.
+/// `below` has the intermediate results of the INNER children, `known` receives those of the
+/// parents. Returns the numbers of VOID, LEAF and INNER nodes in the children's level.
 fn reduce_level<R: Record, A: Averaging<R>>(
     parents: &mut Level,
     children: &Level,
@@ -160,7 +164,8 @@ fn reduce_level<R: Record, A: Averaging<R>>(
     [void, nodes - void - inner, inner]
 }
 
-/// Whether all of some siblings equal the first. (Without an early exit, so that several are compared at a time.)
+/// Returns whether all siblings equal the first. (Without an early exit, so that several are
+/// compared at a time.)
 #[inline]
 fn are_alike<T: PartialEq>(siblings: &[T]) -> bool {
     let mut alike = true;

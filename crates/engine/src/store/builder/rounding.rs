@@ -1,9 +1,9 @@
-//! Cells rounded to multiples of a power of two, so that they have fewer digits to store.
+//! Rounding of cells to multiples of a power of two, so that they have fewer digits to store.
 
 use spinney_base::value::{Mask, SampleType, Value, ValueType};
 use spinney_base::{Error, Result};
 
-/// Rounds samples so that none differs from what it was by more than an error that is allowed.
+/// Rounds samples so that each differs from the original by at most the allowed error.
 #[derive(Clone, Copy, Debug)]
 pub(in crate::store) struct Rounding {
     value_type: ValueType,
@@ -12,28 +12,30 @@ pub(in crate::store) struct Rounding {
 }
 
 impl Rounding {
-    /// By at most an error, which must be a number above 0. `None` if nothing would be rounded by so little.
+    /// Returns the rounding with a maximum error of `most`, a number above 0. `None` if nothing
+    /// would be rounded.
     ///
     /// # Errors
-    /// If it is not such a number.
+    /// If `most` is not such a number.
     pub(in crate::store) fn new(value_type: ValueType, most: f64) -> Result<Option<Rounding>> {
         if !(most > 0.0 && most.is_finite()) {
             return Err(Error::invalid("greatest error", most.to_string(), "a number above 0"));
         }
-        // Halves of steps are the greatest errors. (The exponent of the number, in its bits.)
+        // The maximum error is half of the rounding unit. (The exponent is read from the number's
+        // bits.)
         let power = ((2.0 * most).to_bits() >> 52) as i32 - 1023;
         let is_nothing = !value_type.sample.is_float() && power < 1;
         Ok((!is_nothing && power > -1023).then_some(Rounding { value_type, power }))
     }
 
-    /// Rounds all samples of some values, but for those that mean missing, and opacity.
+    /// Rounds all samples of some values, except opacity and samples that mark missing ones.
     pub(super) fn round(&self, values: &mut [u8]) {
         let (width, size) = (self.value_type.size(), self.value_type.sample.size());
         let missing = match self.value_type.mask {
             Mask::Missing(sample) => Some(sample),
             Mask::None | Mask::Alpha => None,
         };
-        // (Opacity tells which cells count: it stays as it is.)
+        // (Opacity determines which cells count, so it is not rounded.)
         let samples = match self.value_type.mask {
             Mask::Alpha => width - size,
             _ => width,
@@ -85,13 +87,14 @@ impl Rounding {
         }
     }
 
-    /// The nearest multiple that the type has.
+    /// Returns the nearest multiple that the type can represent.
     #[inline]
     fn whole<T: TryFrom<i128>>(&self, number: i128) -> T {
         let power = self.power.min(64) as u32;
         let half = 1 << power >> 1;
         let nearest = (number + half) >> power << power;
-        // (Beyond the greatest number of the type there is none; the multiple below may be as near.)
+        // (The nearest multiple may exceed the type's maximum. The multiple below it may be as
+        // near.)
         let below = nearest - (1 << power);
         let fits = |number: i128| T::try_from(number).ok();
         let below = || fits(below).filter(|_| number - below <= half);
@@ -102,7 +105,8 @@ impl Rounding {
     fn float(&self, number: f64) -> f64 {
         let step = f64::from_bits(((1023 + i64::from(self.power)) as u64) << 52);
         let rounded = (number / step).round() * step;
-        // (A number that is none stays; zeros have no sign.)
+        // (NaN, infinity, and numbers whose rounding overflows are unchanged; negative zero becomes
+        // zero.)
         if rounded.is_finite() { rounded + 0.0 } else { number }
     }
 }

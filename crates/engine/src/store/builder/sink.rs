@@ -1,4 +1,4 @@
-//! Sinks, which make files of the parts of a tree, and the parts that wait for their siblings.
+//! Sinks, which write the parts of a tree to a file, and parts that wait for their siblings.
 
 use std::collections::HashMap;
 
@@ -10,36 +10,37 @@ use spinney_base::value::Value;
 use spinney_container::LevelCounts;
 use spinney_container::MAX_DENSE_LEVELS;
 
-/// A block's part of the tree, its own segment, and its nodes per level.
+/// The part of a block, its own segment, and its numbers of nodes per level.
 pub(in crate::store) type BuiltBlock = (Part, Option<SealedSegment>, LevelCounts);
 
-/// Takes the parts of a tree, each once, and makes a file of them.
+/// Receives the parts of a tree, each once, and writes them to a file.
 pub(in crate::store) trait TreeSink: Send {
-    /// Takes a block, or a uniform node above the blocks.
+    /// Receives a block, or a uniform node above the blocks.
     fn push(&mut self, built: BuiltBlock) -> Result<()>;
 
-    /// Takes several, one after the other.
+    /// Receives several, in order.
     fn push_all(&mut self, built: Vec<BuiltBlock>) -> Result<()> {
         built.into_iter().try_for_each(|built| self.push(built))
     }
 
-    /// Levels of the largest dense blocks that parts may have.
+    /// Returns the maximum number of levels of dense blocks in parts.
     fn dense_levels(&self) -> u8 {
         MAX_DENSE_LEVELS
     }
 
-    /// Keeps what the file has already of a node; whether that could be done.
+    /// Reuses the records that the file already has of a node; returns whether that was possible.
     fn keep(&mut self, _: Code, _: RecordRef) -> Result<bool> {
         Ok(false)
     }
 
-    /// Whether all that another file has stored of an INNER node can be taken over by [`TreeSink::copy`].
+    /// Returns whether [`TreeSink::copy`] can copy all stored data of an INNER node from another
+    /// file.
     fn can_copy(&self, _: Code, _: &StoredNode<'_>) -> Result<bool> {
         Ok(false)
     }
 
-    /// Takes over all that another file has stored of an INNER node, segment by segment. Only called where
-    /// that can be done.
+    /// Copies all stored data of an INNER node from another file, segment by segment. Only called
+    /// if [`TreeSink::can_copy`] returned `true`.
     fn copy(&mut self, _: Code, _: Value, _: &StoredNode<'_>) -> Result<()> {
         unreachable!("a sink that says that it can copy does")
     }
@@ -49,12 +50,12 @@ pub(in crate::store) trait TreeSink: Send {
 pub(in crate::store) struct Siblings<P> {
     dimension: Dimension,
     depth: u8,
-    /// Cells along each axis that can be other than VOID.
+    /// Cells along each axis that may differ from VOID.
     extent: [u64; 3],
     groups: HashMap<Code, Group<P>>,
 }
 
-/// The children of one node that are there already.
+/// The children of one node that have arrived so far.
 struct Group<P> {
     parts: Vec<Option<P>>,
     missing: usize,
@@ -65,14 +66,14 @@ impl<P> Siblings<P> {
         Siblings { dimension, depth, extent, groups: HashMap::new() }
     }
 
-    /// Whether a node has cells within the extent.
+    /// Returns whether a node has cells within the extent.
     fn is_inside(&self, code: Code) -> bool {
         let size = self.depth - code.level();
         code.cell().iter().zip(self.extent).all(|(cell, extent)| (*cell as u64) << size < extent)
     }
 
-    /// Takes a child of `parent`; if it was the last that was missing, hands back all children in order,
-    /// those outside the extent as `void` makes them.
+    /// Adds a child of `parent`. If it was the last missing one, returns all children in order;
+    /// `void` makes those outside of the extent.
     pub(in crate::store) fn join(
         &mut self,
         parent: Code,
@@ -81,8 +82,8 @@ impl<P> Siblings<P> {
         void: impl Fn(Code) -> P,
     ) -> Option<Vec<P>> {
         if !self.groups.contains_key(&parent) {
-            // Children outside the extent never come: they are made here, so that the others complete the
-            // group.
+            // Children outside of the extent are never pushed. They are made here, so that the
+            // others complete the group.
             let outside = |i| {
                 let child = parent.child(i);
                 (!self.is_inside(child)).then(|| void(child))
@@ -92,9 +93,10 @@ impl<P> Siblings<P> {
             self.groups.insert(parent, Group { parts, missing });
         }
         let group = self.groups.get_mut(&parent).expect("just inserted");
-        // Invariant: each child comes once, unless it is outside of the extent. So a group is complete when
-        // as many have come as were missing, in any order, and goes. A group that is never complete would
-        // leave the tree without a root; a child that came twice would complete one that is not.
+        // Invariant: each child is pushed once, unless it is outside of the extent. So a group is
+        // complete, and is removed, when the missing number of children have arrived, in any order.
+        // A group that is never completed would leave the tree without a root; a child pushed twice
+        // would complete a group too early.
         debug_assert!(group.parts[step].is_none(), "a node must not come twice");
         group.parts[step] = Some(part);
         group.missing -= 1;

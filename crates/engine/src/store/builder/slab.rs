@@ -1,4 +1,5 @@
-//! Cells on their way in: slabs of samples, cut into blocks, told VOID from data, put into Z order.
+//! Input of cells: slabs of samples are cut into blocks, classified as VOID or data, and put into Z
+//! order.
 
 use std::ops::Range;
 
@@ -16,34 +17,36 @@ use spinney_base::space::{Code, Dimension, morton_encode};
 use spinney_base::value::{Mask, Native, Value};
 use spinney_container::{LEAF, VOID};
 
-/// A box of cells: x runs fastest, then y, then z; a cell's samples together, little-endian.
+/// A box of cells: x fastest, then y, then z; the samples of a cell are consecutive and
+/// little-endian.
 #[derive(Clone, Debug, Default)]
 pub struct Slab {
     /// First cell along each axis.
     pub origin: [u64; 3],
-    /// Cells along each axis; 1 along the third for a picture.
+    /// Cells along each axis; 1 along the third for a raster.
     pub size: [u64; 3],
     /// The samples.
     pub bytes: Vec<u8>,
-    /// One flag per cell, `false` is VOID; nothing if no cell is VOID by this measure.
+    /// One flag per cell, `false` is VOID; `None` if no cell is VOID by flag.
     pub valid: Option<Vec<bool>>,
 }
 
-/// Samples that come slab by slab.
+/// Samples that are delivered slab by slab.
 pub trait Slabs: Send {
-    /// Cells along each axis of the whole; the last is 1 for a picture.
+    /// Returns the number of cells along each axis of the whole; the last is 1 for a raster.
     fn extent(&self) -> [u64; 3];
 
-    /// Whether slabs come in FD order, so that all of a node has come before anything behind it. Files are the same whether they do or
-    /// not; but where they do not, segments wait in a temporary file.
+    /// Returns whether slabs are delivered in FD order, so that all cells of a node arrive before
+    /// any cell after it. The resulting file is the same in any order, but in another order
+    /// segments wait in a temporary file.
     fn are_in_order(&self) -> bool {
         false
     }
 
-    /// Reads the next slab, reusing the one given; `false` if there is none left.
+    /// Reads the next slab, reusing the buffers of `slab`; returns `false` if none is left.
     ///
-    /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at such
-    /// multiples or at the extent's end, and together cover the extent once.
+    /// Slabs start at multiples of the block size (256 cells for quadtrees, 64 for octrees), end at
+    /// such multiples or at the extent's end, and together cover the extent once.
     ///
     /// # Errors
     /// If the input cannot be read.
@@ -52,7 +55,7 @@ pub trait Slabs: Send {
 
 /// The cells of a block in the input.
 pub(super) enum BlockContent {
-    /// All cells alike.
+    /// All cells are equal.
     Uniform(Option<Value>),
     /// Cells that differ, none of which is VOID, to be built in rows.
     Full(RowBlock),
@@ -66,7 +69,8 @@ impl BlockContent {
         match self {
             BlockContent::Uniform(value) => *value = value.map(|value| rounding.rounded(value)),
             BlockContent::Full(block) => rounding.round(block.cells_mut()),
-            // (Where nodes are VOID there are zeros, which stay; INNER nodes get their values from these.)
+            // (VOID nodes have zeros, which rounding preserves. INNER nodes are computed from the
+            // rounded cells.)
             BlockContent::Mixed(block) => {
                 block.levels.iter_mut().for_each(|level| rounding.round(&mut level.values));
             }
@@ -74,16 +78,16 @@ impl BlockContent {
     }
 }
 
-/// The cells of a block that a slab has.
+/// The cells of a block that are in a slab.
 struct BlockCells {
-    /// The first, in cells of the slab.
+    /// The first cell, relative to the slab.
     first: [u64; 3],
     /// Cells along each axis.
     size: [usize; 3],
 }
 
 impl Slab {
-    /// The cells of one block.
+    /// Returns the cells of one block as a slab.
     pub(super) fn of_block(form: TreeType, code: Code, height: u8, cells: CellBlock) -> Slab {
         let side = |axis: usize| if axis < form.axes() { 1u64 << height } else { 1 };
         let cell = code.cell();
@@ -95,8 +99,9 @@ impl Slab {
         }
     }
 
-    /// Classifies the cells under a node, and puts them into Z order if they differ, or into rows if `in_rows` allows it and
-    /// none is VOID. `nodata` is the value that means VOID; NaN always does.
+    /// Classifies the cells under a node. If they differ, puts them into Z order, or into rows if
+    /// `in_rows` allows it and none is VOID. `nodata` is the value that means VOID; NaN always
+    /// does.
     pub(super) fn classify(
         &self,
         form: TreeType,
@@ -134,7 +139,7 @@ impl Slab {
         BlockContent::Mixed(Block::from_cells(form, code, height, states, values))
     }
 
-    /// Whether some cells of a block are transparent.
+    /// Returns whether some cells of a block are transparent.
     fn has_transparent(&self, form: TreeType, part: &BlockCells) -> bool {
         let (mask, size, width) = (form.value.mask, form.value.sample.size(), form.width());
         let is_transparent = |value: &[u8]| !mask.present(size, value)[0];
@@ -144,7 +149,7 @@ impl Slab {
             })
     }
 
-    /// Rows of a block: y and z in the block, and the range of the slab's cells.
+    /// Returns the rows of a block: y and z in the block, and the range of the slab's cells.
     fn rows<'a>(
         &self,
         part: &'a BlockCells,
@@ -157,7 +162,7 @@ impl Slab {
         })
     }
 
-    /// Whether cells of a block are VOID. A kernel: compiled for each type.
+    /// Returns whether some cells of a block are VOID. A kernel, compiled for each type.
     fn has_void<V: Native, R: Record>(&self, part: &BlockCells, nodata: Option<Value>) -> bool {
         if self.valid.is_none() && nodata.is_none() && !V::TYPE.sample.is_float() {
             return false;
@@ -168,7 +173,7 @@ impl Slab {
             if self.valid.as_ref().is_some_and(|valid| valid[row.clone()].contains(&false)) {
                 return true;
             }
-            // Without a way out in the middle, so that many are looked at a time.
+            // No early exit within a row, so that many cells are checked at a time.
             let mut is_void = false;
             for bytes in &cells[row] {
                 is_void |= decode::<R, V>(*bytes).is_nan() | (nodata == Some(*bytes));
@@ -180,7 +185,7 @@ impl Slab {
         false
     }
 
-    /// States and values of the cells of a block in Z order. A kernel: compiled for each type.
+    /// Returns states and values of a block's cells in Z order. A kernel, compiled for each type.
     fn in_z_order<V: Native, R: Record>(
         &self,
         part: &BlockCells,
@@ -202,7 +207,7 @@ impl Slab {
         let encoded = z_order_of_axis(R::DIMENSION, height);
         for (y, z, row) in self.rows(part) {
             let row_index = encoded[y] << 1 | if R::AXES > 2 { encoded[z] << 2 } else { 0 };
-            // Pairs along x stay together in Z order.
+            // Pairs along x stay adjacent in Z order.
             if is_whole {
                 for (i, pair) in cells[row].chunks(2).enumerate() {
                     for (value, cell) in values[row_index | encoded[2 * i]..].iter_mut().zip(pair) {
@@ -237,7 +242,7 @@ impl Slab {
         (states, bytes)
     }
 
-    /// Whether all cells of these rows are alike, in every bit and in validity.
+    /// Returns whether all cells of these rows are equal, in every bit and in validity.
     fn is_uniform(&self, rows: impl Iterator<Item = Range<usize>>, size: usize) -> bool {
         let (mut first, mut first_valid): (Option<&[u8]>, Option<bool>) = (None, None);
         for row in rows {
@@ -263,7 +268,7 @@ impl Slab {
     }
 }
 
-/// The numbers in Z order of the cells along the x axis of a block.
+/// Returns the Z-order indices of the cells along the x axis of a block.
 fn z_order_of_axis(dimension: Dimension, height: u8) -> Vec<usize> {
     (0..1 << height).map(|x| morton_encode(dimension, x) as usize).collect()
 }

@@ -1,4 +1,4 @@
-//! Nodes of files, whose records are taken over.
+//! Nodes of files whose records can be copied.
 
 use std::any::Any;
 use std::ops::Range;
@@ -9,13 +9,14 @@ use spinney_container::Header;
 
 /// A file whose tree, or whose small nodes, are stored as runs of records.
 pub trait RecordFile: Any + Send + Sync {
-    /// The file's header.
+    /// Returns the file's header.
     fn file_header(&self) -> &Header;
 
-    /// The records of a node and of all that is below it in its run, given the numbers of the run and of the node's record.
+    /// Returns the records of a node and of its descendants in its run, given the number of the run
+    /// and the index of the node's record.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>>;
 }
 
@@ -26,39 +27,39 @@ pub struct StoredNode<'a> {
     pub file: &'a dyn RecordFile,
     /// Levels below the node.
     pub height: u8,
-    /// The number of the run that its record is in: that of a segment, or its place in the file.
+    /// The run of its record: the segment's index, or the run's offset in the file.
     pub run: u64,
-    /// The number of the record there.
+    /// Index of the record in the run.
     pub record: u32,
 }
 
 impl<'a> StoredNode<'a> {
-    /// The node's records: see [`RecordFile::subtree`].
+    /// Returns the node's records: see [`RecordFile::subtree`].
     pub(in crate::store) fn subtree(&self) -> Result<Subtree<'a>> {
         self.file.subtree(self.run, self.record)
     }
 }
 
-/// Records of a node and of all that is below it in its run.
+/// Records of a node and of its descendants in its run.
 pub struct Subtree<'a> {
     bytes: FileBytes<'a>,
     range: Range<usize>,
 }
 
 impl<'a> Subtree<'a> {
-    /// A part of a run's bytes; no records at all if the range lies.
+    /// Returns the records in a range of a run's bytes; none if the range exceeds the run.
     pub(in crate::store) fn new(bytes: FileBytes<'a>, range: Range<usize>) -> Subtree<'a> {
         let range = if bytes.get(range.clone()).is_some() { range } else { 0..0 };
         Subtree { bytes, range }
     }
 
-    /// The records' bytes.
+    /// Returns the records' bytes.
     pub(in crate::store) fn records(&self) -> &[u8] {
         &self.bytes[self.range.clone()]
     }
 }
 
-/// A record of an Autumnal file: whoever writes to that file need not write it again.
+/// A record of an Autumnal file, which need not be written to that file again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RecordRef {
     /// The file.

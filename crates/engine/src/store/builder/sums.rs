@@ -1,4 +1,4 @@
-//! Sums that depend on the order of adding: of floating samples, and of their squares.
+//! Sums that depend on the order of summation: of floating-point samples, and of their squares.
 
 use super::averaging::{decode, pairwise};
 use super::block::Block;
@@ -20,7 +20,8 @@ fn add_both<V: Native>(a: SumsAndSquares<V>, b: SumsAndSquares<V>) -> SumsAndSqu
     (V::add_sums(a.0, b.0), V::add_squares(a.1, b.1))
 }
 
-/// Adds samples and squares of what counts of every leaf, pairwise in Z order: see [`ZoneStats`].
+/// Sums the samples and their squares of all leaves, pairwise in Z order: see
+/// [`ZoneStats`](spinney_base::value::ZoneStats). `counted` replaces samples that do not count.
 pub(super) fn pairwise_sums<V: Native, R: Record>(block: &Block, counted: &impl Fn(V) -> V) -> (Sums, Sums) {
     let mut below: Vec<SumsAndSquares<V>> = Vec::new();
     for (index, level) in block.levels.iter().enumerate().rev() {

@@ -1,6 +1,6 @@
-//! The tally of a block: exact counts, extremes and sums of its cells.
+//! Statistics of a block: exact counts, extremes and sums of its cells.
 //!
-//! Kernels: compiled for each type of values, chosen once per block.
+//! These are kernels: compiled for each value type, selected once per block.
 
 use super::averaging::decode;
 use super::block::{Block, for_leaves};
@@ -10,7 +10,8 @@ use crate::store::records::{Record, with_form_type};
 use spinney_base::value::{Native, Value, ValueType, ZoneStats, erase};
 use spinney_container::LEAF;
 
-/// The tally of all the cells of a block; from class counts where they are known and sums are exact.
+/// Returns the statistics of all cells of a block; computed from class counts if these are known
+/// and sums are exact.
 pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> ZoneStats {
     let form = block.form();
     let mut tally = match &classes {
@@ -24,7 +25,8 @@ pub(super) fn of_block(block: &Block, classes: Option<Vec<(Value, u64)>>) -> Zon
     tally
 }
 
-/// The tally of cells of which there are so many of each value, in ascending order; sums must be exact.
+/// Returns the statistics of cells with these counts per value, in ascending order. Sums must be
+/// exact.
 pub(super) fn of_classes(value_type: ValueType, classes: Vec<(Value, u64)>) -> ZoneStats {
     let tally = sum_of_classes(value_type, &classes);
     ZoneStats { classes, ..tally }
@@ -36,7 +38,7 @@ fn sum_of_classes(value_type: ValueType, classes: &[(Value, u64)]) -> ZoneStats 
 }
 
 fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
-    // (So that sums are compiled one way for each type.)
+    // (A constant, so that only one way of summing is compiled for each type.)
     let is_exact = const { !V::TYPE.sample.is_float() };
     let mut cells = 0u64;
     let (mut min, mut max) = any_leaf::<R>(block).map_or_else(Default::default, |bytes| {
@@ -49,7 +51,7 @@ fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
         let value: V = decode::<R, V>(bytes);
         cells += count as u64;
         (min, max) = (min.min(value), max.max(value));
-        // Other sums depend on the order of adding: see below.
+        // Floating-point sums depend on the order of summation: see below.
         if is_exact {
             sums = V::add_block_sums(sums, value.block_sums(count));
             squares = V::add_block_squares(squares, value.block_squares(count));
@@ -72,14 +74,14 @@ fn of_leaves<V: Native, R: Record>(block: &Block) -> ZoneStats {
     }
 }
 
-/// Some leaf's value.
+/// Returns the value of any leaf.
 fn any_leaf<R: Record>(block: &Block) -> Option<R::Bytes> {
     let at_hand = block.levels.iter().find_map(|level| {
         let index = level.states.iter().position(|state| *state == LEAF)?;
         Some(level.values_of::<R>()[index])
     });
     at_hand.or_else(|| {
-        // All of them are in records that were taken over.
+        // All leaves are in copied records.
         let mut any = None;
         for_leaves::<R>(block, &mut |value, _| any = any.or(Some(value)));
         any

@@ -1,4 +1,4 @@
-//! The upper levels of a run of records, as a coarser segment has them.
+//! The upper levels of a run of records, as a coarser segment stores them.
 
 use super::encode::encode;
 use super::level::Level;
@@ -9,10 +9,11 @@ use spinney_base::TreeType;
 use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{CUT, INNER, VOID};
 
-/// The first levels of the subtree that begins with the first of some records; what lies deeper becomes CUT.
+/// Returns the first levels of the subtree whose root is the first record; deeper nodes become CUT.
 ///
 /// # Errors
-/// If skips lead out of the node, or to the same records more than once: then they would make many of few.
+/// If skips lead out of the node, or to the same records more than once, which would let a few
+/// records expand to very many.
 pub(in crate::store) fn upper_levels(form: TreeType, records: &[u8], levels: u8) -> Result<Vec<u8>, BadSkip> {
     let layout = RecordLayout::new(form);
     // The run's own extent.
@@ -44,10 +45,10 @@ pub(in crate::store) fn upper_levels(form: TreeType, records: &[u8], levels: u8)
                         expanded.push(index as u32);
                         deeper.push(child.node);
                     }
-                    // Invariant: a run reaches at least as far down as what is wanted of it. Those that are
-                    // built do (a part keeps what the next segment above has); those of files are tried here.
-                    // The children of what is CUT above that are in another run: the encoder would have none
-                    // to write.
+                    // Invariant: a run reaches at least as deep as the requested levels. This holds
+                    // for runs that are built (a part keeps the levels of the next segment above);
+                    // it is checked here for runs from files. The children of a CUT node above
+                    // would be in another run, so the encoder could not write them.
                     CUT if below > 0 => return Err(BadSkip),
                     _ => {}
                 }
@@ -94,7 +95,7 @@ mod tests {
         assert_eq!(upper(&good, 1), Some(vec![(0b1101_1100, 1)]));
         assert_eq!(upper(&good, 2), Some(vec![(0b1001_1000, 3), (0b11, 1), (0b0111, 1)]));
         assert_eq!(upper(&good, 3), Some(good.to_vec()));
-        // Two levels are copied, so nobody looks at the third.
+        // Only two levels are copied, so the third is not checked.
         assert_eq!(upper(&[(0b10, 3), (0b10, 2), (0, 9)], 3), None);
         for bad in [
             &[(0b10, 2), (0, 0)][..],

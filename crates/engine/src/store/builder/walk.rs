@@ -1,4 +1,4 @@
-//! Goes through slabs and sources, and builds their blocks, many at a time.
+//! Traverses slabs and sources, and builds their blocks, many at a time.
 
 use std::mem;
 
@@ -24,8 +24,8 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::MAX_DENSE_LEVELS;
 use spinney_container::{LevelCounts, Shape};
 
-/// Walks what a source has in a run, which may be all of it, and hands the parts of its tree over. With `reuse`, what the source has
-/// stored is taken as it is.
+/// Traverses the nodes of a source in a run, which may be the whole space, and pushes the parts of
+/// its tree to a sink. With `reuse`, stored subtrees are copied unchanged.
 pub(in crate::store) fn walk<S: ReusableSource>(
     source: &S,
     options: &BuildOptions,
@@ -40,7 +40,7 @@ pub(in crate::store) fn walk<S: ReusableSource>(
     }
     let form = source.form();
     let mut builder = Builder::new(form, options, (shape, run), sink)?;
-    // (What is stored is not rounded.)
+    // (Copied subtrees are not rounded.)
     let reuse = reuse && builder.plan.rounding.is_none();
     builder.plan.reuse = reuse;
     let mut pending = vec![(Code::root(form.dimension), source.root()?)];
@@ -59,9 +59,9 @@ pub(in crate::store) fn walk<S: ReusableSource>(
                 continue;
             }
             Reuse::Copy(representative, stored) => {
-                // Invariant: what is written reaches the sink in FD order, however many parts are built at a
-                // time: what waits in the batch comes before this node. Segments are written as they come, so
-                // that bytes would depend on memory and threads otherwise.
+                // Invariant: output reaches the sink in FD order, however many parts are built at a
+                // time: the nodes of the batch precede this node. Segments are written in the order
+                // of arrival, so otherwise the file's bytes would depend on memory and threads.
                 builder.nodes(source, mem::take(&mut batch), total, progress)?;
                 builder.sink.copy(code, representative, &stored)?;
                 progress.advance(builder.cells(code), total);
@@ -71,12 +71,13 @@ pub(in crate::store) fn walk<S: ReusableSource>(
         match node {
             Child::Inner { node, .. } if code.level() < shape.block_level() => {
                 source.children(&node, &mut children)?;
-                // The first child is to come off the stack first.
+                // Reversed, so that the first child is popped first.
                 let below = children[..form.children()].iter_mut().enumerate().rev();
                 pending.extend(below.map(|(i, child)| (code.child(i), mem::take(child))));
             }
-            // Invariant: of several runs that have the whole space each node is handed over by one: a uniform node that reaches out of the run is divided
-            // until its parts are in it, or outside.
+            // Invariant: if several runs cover the whole space, exactly one of them pushes each
+            // node. A uniform node that exceeds the run is divided until each fragment is inside or
+            // outside of it.
             _ if !is_whole => {
                 let children = (0..form.children()).rev();
                 pending.extend(children.map(|child| (code.child(child), Child::uniform(node.value()))));
@@ -88,15 +89,16 @@ pub(in crate::store) fn walk<S: ReusableSource>(
         }
     }
     builder.nodes(source, batch, total, progress)?;
-    // What is made of two states of a file must not be kept.
+    // A tree that mixes two states of a file must be discarded.
     source.check_unchanged()
 }
 
-/// Blocks that are built at a time, whatever the memory: at least and at most.
+/// Minimum and maximum number of blocks that are built at a time, whatever the memory.
 const MIN_BATCH: u64 = 4;
 const MAX_BATCH: u64 = 256;
-/// Where equal subtrees are stored once, whatever the memory: which nodes of another file have been copied already when one is
-/// asked for, and with them what a commit tells of its records, depends on it.
+/// Number of blocks if equal subtrees are stored once, whatever the memory. It determines which
+/// nodes of another file have been copied when a node is looked up, and so the record counts that a
+/// commit stores.
 const SHARING_BATCH: u64 = 16;
 
 /// Plan for building blocks.
@@ -106,28 +108,29 @@ struct Plan {
     shape: Shape,
     rule: Rule,
     count_classes: bool,
-    /// Whether what sources have stored is taken as it is.
+    /// Whether stored subtrees of sources are copied unchanged.
     reuse: bool,
-    /// Levels of the largest dense blocks.
+    /// Maximum number of levels of dense blocks.
     most_dense: u8,
     /// How cells are rounded.
     rounding: Option<Rounding>,
 }
 
 impl Plan {
-    /// Whether the tree of a file's node would look the same in the tree that is built, where the node has so
-    /// many levels below it.
+    /// Returns whether a stored node with `levels` levels below it would have the same subtree if
+    /// it were built.
     fn fits(&self, stored: &StoredNode<'_>, levels: u8) -> bool {
         let header = stored.file.file_header();
         let shape = header.shape;
         let level = shape.depth.saturating_sub(stored.height);
-        // Invariant: records are taken over only if building would make the same of these cells. All that
-        // goes into them has to be alike: type and rule, what is counted and what is missing, levels, the
-        // largest dense blocks, and how the tree is cut, unless all of the node is in one segment (as it is
-        // below the level of blocks). Else bytes would tell where a tree came from.
+        // Invariant: records are copied only if building would yield the same records for these
+        // cells. So everything that determines them must agree: type and rule, what is counted and
+        // what is missing, levels, the maximum size of dense blocks, and how the tree is cut,
+        // unless all of the node is in one segment (which is the case below the block level).
+        // Otherwise the bytes would depend on the origin of a tree.
         self.reuse
             && stored.height == levels
-            // (Larger ones may have larger dense blocks.)
+            // (Larger nodes may have larger dense blocks.)
             && (levels <= self.most_dense || self.most_dense == MAX_DENSE_LEVELS)
             && (level >= shape.block_level() || shape.is_cut_like(&self.shape))
             && header.rule == self.rule
@@ -135,7 +138,7 @@ impl Plan {
             && header.counts_classes() == self.count_classes
     }
 
-    /// The block of an INNER node, which is at the level of blocks.
+    /// Returns the block of an INNER node at the block level.
     fn block<S: ReusableSource>(
         &self,
         source: &S,
@@ -180,7 +183,7 @@ impl Plan {
         }
     }
 
-    /// Whether blocks without VOID are built in rows.
+    /// Returns whether blocks without VOID are built in rows.
     fn in_rows(&self) -> bool {
         RowBlock::supports(self.form, self.rule, self.count_classes)
     }
@@ -191,22 +194,22 @@ impl Plan {
     }
 }
 
-/// The way in which a node is taken over without being built.
+/// How a node is reused without being built.
 enum Reuse<'s> {
     Nothing,
-    /// The file that is made has the node already.
+    /// The output already has the node.
     Kept,
-    /// Segments of another file, where the node has this representative.
+    /// Segments of another file are copied; the node has this representative.
     Copy(Value, StoredNode<'s>),
 }
 
-/// Blocks in, parts out.
+/// Builds blocks and pushes their parts to a sink.
 pub(in crate::store) struct Builder<'a> {
     plan: Plan,
-    /// The part of the space that is built.
+    /// The run of nodes that is built.
     run: CodeRun,
     sink: &'a mut dyn TreeSink,
-    /// Blocks built at a time.
+    /// Blocks that are built at a time.
     batch: usize,
 }
 
@@ -217,7 +220,8 @@ impl<'a> Builder<'a> {
         (shape, run): (Shape, CodeRun),
         sink: &'a mut dyn TreeSink,
     ) -> Result<Self> {
-        // A block without a uniform node has (cells - 1) / (children - 1) INNER ones, each with a record.
+        // A block without uniform nodes has (cells - 1) / (children - 1) INNER ones, with a record
+        // each.
         let record = RecordLayout::new(form).size as u64;
         let block_bytes = form.dimension.cells(shape.reach) / (form.children() as u64 - 1) * record;
         let (rule, count_classes) = (options.rule, options.count_classes());
@@ -235,7 +239,7 @@ impl<'a> Builder<'a> {
         })
     }
 
-    /// All blocks of a slab that are in the run.
+    /// Builds all blocks of a slab that are in the run.
     pub(in crate::store) fn slab(
         &mut self,
         slab: &Slab,
@@ -281,7 +285,8 @@ impl<'a> Builder<'a> {
         Ok(())
     }
 
-    /// Finds out whether an INNER node can be taken over as it is stored, so that nobody looks below it.
+    /// Returns whether an INNER node can be reused as it is stored, without visiting nodes below
+    /// it.
     fn reuse<'s, S: ReusableSource>(
         &mut self,
         source: &'s S,
@@ -303,12 +308,12 @@ impl<'a> Builder<'a> {
         Ok(if can_copy { Reuse::Copy(*representative, stored) } else { Reuse::Nothing })
     }
 
-    /// Cells of a node, for the progress.
+    /// Returns the number of cells of a node, for the progress.
     fn cells(&self, code: Code) -> u64 {
         code.dimension().cells(self.plan.shape.depth - code.level())
     }
 
-    /// Some nodes of a source, at the level of blocks or uniform above it.
+    /// Builds some nodes of a source, at the block level or uniform above it.
     fn nodes<S: ReusableSource>(
         &mut self,
         source: &S,
@@ -318,7 +323,7 @@ impl<'a> Builder<'a> {
     ) -> Result<()> {
         let plan = self.plan;
         let build = |(code, node): &(Code, Child<S::Node>)| {
-            // (A batch of blocks of a view takes its time.)
+            // (Checked per node, because a batch of blocks of a view can take long.)
             progress.check()?;
             match node {
                 Child::Inner { representative, node } if code.level() < plan.shape.depth => {

@@ -1,4 +1,5 @@
-//! The FD directory: where each segment is, and what is known of all the cells below its node.
+//! Entries of the segment index: location of each segment, and statistics of all cells below its
+//! node.
 
 use std::path::Path;
 
@@ -11,31 +12,32 @@ use spinney_base::value::{MAX_VALUE_SIZE, Sums, Value, ValueType, ZoneStats};
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
 
-/// One entry of the directory, understood.
+/// A decoded entry of the segment index.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
     /// The node that owns the segment.
     pub code: Code,
     /// Offset of the segment's bytes in the layer's run.
     pub offset: u64,
-    /// Number of its bytes in the file: those of records, then of class counts, unless these are packed.
+    /// Number of its bytes in the file: records, then class counts, unless these are packed.
     pub length: u64,
-    /// Records of the segment.
+    /// Number of record slots in the segment.
     pub records: u32,
-    /// Class counts that follow the records; `u16::MAX` if there would be too many.
+    /// Number of class counts that follow the records; `u16::MAX` if there would be too many.
     pub classes: u16,
     /// Packing of its bytes.
     pub codec: Codec,
     /// CRC-32C of its bytes in the file.
     pub checksum: u32,
-    /// Zone statistics, but for the class counts, which stand in the segment.
+    /// Zone statistics, except for the class counts, which are stored in the segment.
     pub zone: ZoneStats,
 }
 
-/// Number of class counts of a segment that has none because there would be too many.
+/// Stored number of class counts of a segment that has none because there would be too many.
 pub(super) const NOT_COUNTED: u16 = u16::MAX;
 
-/// Class counts that follow a segment's records, where the directory has a number of them.
+/// Returns the number of class counts that follow a segment's records, from the number in its
+/// entry.
 #[inline]
 pub(super) fn listed(classes: u16) -> u16 {
     if classes == NOT_COUNTED { 0 } else { classes }
@@ -51,7 +53,7 @@ struct RawEntry {
     classes: U16,
     /// Packing of the records.
     codec: u8,
-    /// Number of the table that the codec uses.
+    /// Number of the codec's table.
     table: u8,
     checksum: U32,
     cells: U64,
@@ -59,32 +61,34 @@ struct RawEntry {
 
 const _: () = assert!(size_of::<RawEntry>() == 44);
 
-/// Bytes of the zone statistics of one channel: two extremes, the sum and that of squares.
+/// Returns the size of one channel's zone statistics in bytes: two extremes, the sum, and the sum
+/// of squares.
 const fn channel_size(value_type: ValueType) -> usize {
     2 * value_type.sample.size() + 16 + Sums::size_of_squares(value_type.sample)
 }
 
-/// Bytes of one entry for values of a type: where samples can be missing, a count per channel stands at the end.
+/// Returns the size of an entry in bytes, by value type. If samples can be missing, a count per
+/// channel follows at the end.
 pub(super) const fn entry_size(value_type: ValueType) -> usize {
     let present = if value_type.is_masked() { size_of::<U64>() } else { 0 };
     size_of::<RawEntry>() + value_type.channels as usize * (channel_size(value_type) + present)
 }
 
-/// Location of an entry's segment, as it stands in the file.
+/// Location of a segment, as stored in its entry.
 pub(super) struct SegmentLocation {
     /// Bits of the code of the segment's node.
     pub(super) code: u64,
     pub(super) offset: u64,
     pub(super) length: u64,
     pub(super) records: u32,
-    /// Class counts that follow the records.
+    /// Number of class counts that follow the records.
     pub(super) classes: u16,
     pub(super) is_packed: bool,
 }
 
 impl SegmentLocation {
-    /// Reads the numbers of an entry, and checks none of them: for entries that [`Entry::from_bytes`] has
-    /// understood once. `None` if it is no whole entry.
+    /// Reads the location without any checks, from an entry that [`Entry::from_bytes`] has decoded
+    /// before. Returns `None` if the entry is incomplete.
     #[inline]
     pub(super) fn read(entry: &[u8]) -> Option<SegmentLocation> {
         let (raw, _) = RawEntry::ref_from_prefix(entry).ok()?;
@@ -99,13 +103,13 @@ impl SegmentLocation {
     }
 }
 
-/// Changes where a segment is, in an entry's bytes.
+/// Sets the segment's offset in an entry's bytes.
 pub(super) fn set_offset(entry: &mut [u8], offset: u64) {
     entry[8..16].copy_from_slice(&offset.to_le_bytes());
 }
 
 impl Entry {
-    /// The entry as it stands in the file.
+    /// Encodes the entry as stored in the file.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let raw = RawEntry {
             code: self.code.bits().into(),
@@ -133,7 +137,8 @@ impl Entry {
         bytes
     }
 
-    /// Checks and understands the `index`-th entry of a file of some form; `bytes` are this entry's.
+    /// Decodes and checks entry `index` of a file with the tree type `form`; `bytes` are this
+    /// entry's.
     pub(super) fn from_bytes(path: &Path, index: usize, bytes: &[u8], form: TreeType) -> Result<Entry> {
         let corrupt = |found: String, expected: String| {
             Error::corrupt(path, format!("directory entry {index}"), found, expected)
@@ -176,7 +181,7 @@ impl Entry {
     }
 }
 
-/// The sums of so many channels as text, for messages.
+/// Formats the sums of `channels` channels for messages.
 pub(super) fn show_sums(sums: &Sums, channels: u8) -> String {
     let channels = usize::from(channels);
     match sums {

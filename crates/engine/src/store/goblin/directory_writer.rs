@@ -1,4 +1,4 @@
-//! Writes the directory: pages of entries, then the levels of the index.
+//! Writes the segment index: pages of entries, then the levels of the page index.
 
 use zerocopy::IntoBytes;
 
@@ -6,27 +6,28 @@ use super::pages::{INDEX_ENTRIES, INDEX_SIZE, IndexEntry, PAGE_ENTRIES, PageHead
 use spinney_base::Result;
 use spinney_base::space::{Code, Dimension};
 
-/// Makes pages of entries that come in the order of their codes.
+/// Writes pages of entries, which are pushed in the order of their codes.
 pub(super) struct DirectoryWriter<'a> {
     dimension: Dimension,
     entry_size: usize,
-    /// Where the next page starts in the layer's run.
+    /// Offset of the next page in the layer's run.
     position: u64,
-    /// Entries of the nodes above the next one, with their numbers.
+    /// Entries of the next entry's ancestors, with their indices.
     above: Vec<(Code, u64, Vec<u8>)>,
-    /// Entries that came so far.
+    /// Number of entries so far.
     entries: u64,
-    /// The page that is being made: its head, the numbers of its copies, the copies, its own entries.
+    /// The current page: indices of its copies, the copies, its own entries.
     page: Vec<u8>,
     copies: usize,
     first: u64,
-    /// The lowest level of the index.
+    /// The lowest level of the page index.
     index: Vec<u8>,
     write: &'a mut dyn FnMut(&[u8]) -> Result<()>,
 }
 
 impl<'a> DirectoryWriter<'a> {
-    /// For entries of a size; the first page starts at a place of the layer's run.
+    /// Returns a writer for entries of `entry_size` bytes; the first page is at offset `position`
+    /// of the layer's run.
     pub(super) fn new(
         dimension: Dimension,
         entry_size: usize,
@@ -48,7 +49,7 @@ impl<'a> DirectoryWriter<'a> {
         }
     }
 
-    /// Takes the next entry, which begins with its code.
+    /// Adds the next entry, which begins with its code.
     pub(super) fn push(&mut self, entry: &[u8]) -> Result<()> {
         let bits = u64::from_le_bytes(entry[..8].try_into().expect("8 bytes"));
         let code = Code::from_bits(self.dimension, bits).expect("entries are made from codes");
@@ -75,7 +76,8 @@ impl<'a> DirectoryWriter<'a> {
         Ok(())
     }
 
-    /// Writes a page, that of the directory if no other is given, and tells its entry in the index.
+    /// Writes a page, by default the current one of entries, and returns its entry in the page
+    /// index.
     fn put(&mut self, first: u64, page: Option<&[u8]>) -> Result<IndexEntry> {
         let bytes = page.unwrap_or(&self.page);
         (self.write)(bytes)?;
@@ -84,7 +86,7 @@ impl<'a> DirectoryWriter<'a> {
         Ok(IndexEntry { first: first.into(), offset, length, checksum: crc32c::crc32c(bytes).into() })
     }
 
-    /// Writes the last page and the levels of the index but for the top, which is returned.
+    /// Writes the last page and the levels of the page index except for the top, which is returned.
     pub(super) fn finish(mut self) -> Result<Vec<u8>> {
         if !self.page.is_empty() {
             self.finish_page()?;

@@ -1,19 +1,20 @@
-//! Entries of the directory in few bytes: what stands in one place of each, one behind the other, as numbers.
+//! Packed entries of segments: each field's values are stored consecutively, as a column of
+//! numbers.
 
 use super::directory::entry_size;
 use spinney_base::value::{Sums, ValueType};
 use spinney_packing::{pack_numbers, unpack_numbers};
 
-/// Entries that are packed together, at most.
+/// Maximum number of entries that are packed together.
 pub(super) const TOGETHER: usize = 1024;
 
-/// Bytes of the numbers of an entry, in their order: none has more than eight.
+/// Returns the sizes of an entry's numbers in bytes, in order: none has more than eight.
 fn widths(value_type: ValueType) -> Vec<usize> {
     // Code, offset, length, records, classes, codec and table, checksum, cells.
     let mut widths = vec![8, 8, 8, 4, 2, 2, 4, 8];
     let sample = value_type.sample.size();
     for _ in 0..value_type.channels {
-        // Extremes, then the sum and that of squares in parts.
+        // Extremes, then the sum and the sum of squares in words of eight bytes.
         widths.extend([sample, sample, 8, 8]);
         widths.extend(vec![8; Sums::size_of_squares(value_type.sample) / 8]);
     }
@@ -24,7 +25,7 @@ fn widths(value_type: ValueType) -> Vec<usize> {
     widths
 }
 
-/// Packs the bytes of entries, which stand one behind the other. Codes are told by how far they are from the one before.
+/// Packs the bytes of consecutive entries. Codes are stored as differences from the previous one.
 pub(super) fn pack_entries(value_type: ValueType, entries: &[u8]) -> Vec<u8> {
     let (mut packed, mut at) = (Vec::new(), 0);
     for width in widths(value_type) {
@@ -42,7 +43,7 @@ pub(super) fn pack_entries(value_type: ValueType, entries: &[u8]) -> Vec<u8> {
     packed
 }
 
-/// Unpacks so many entries; `None` if the bytes are not those of as many.
+/// Unpacks `count` entries; returns `None` if the bytes are not those of as many.
 pub(super) fn unpack_entries(value_type: ValueType, count: usize, mut packed: &[u8]) -> Option<Vec<u8>> {
     let size = entry_size(value_type);
     let (mut entries, mut numbers, mut at) = (vec![0; count * size], vec![0; count], 0);

@@ -1,4 +1,5 @@
-//! Writes a Goblin file: header, layers one behind the other, metadata, tops of the indexes, table of layers, trailer.
+//! Writes a Goblin file: header, layers, metadata, tops of the page indexes, table of layers,
+//! trailer.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -15,33 +16,34 @@ use spinney_container::{
     Codec, FileHeader, HEADER_SIZE, Header, Layer, LayerTable, LevelCounts, Metadata, Section, Trailer,
 };
 
-/// Metadata of more bytes stand apart, before those of the other layers, so that the end of a file tells much in few bytes.
+/// Metadata that exceed this number of bytes are stored before those of the other layers, so that
+/// the last bytes of a file describe most of it.
 const LARGE_METADATA: usize = 4096;
-/// Packed segments that are looked at at a time, by all threads.
+/// Number of packed segments that are checked at a time, by all threads.
 const UNPACKED_AT_ONCE: usize = 64;
 /// Bytes that are copied at a time.
 const PIECE: u64 = 1 << 20;
 
-/// A Goblin file being written, append-only.
+/// A Goblin file that is being written, append-only.
 pub(in crate::store) struct FileWriter {
     out: Output,
     path: PathBuf,
     header: FileHeader,
     /// Bytes written so far.
     position: u64,
-    /// Bytes that the file has already, since an earlier process was cut off: they are written once more.
+    /// Bytes of the file from an earlier process that was aborted: they are written again.
     there: u64,
-    /// Layers so far, the tops of their indexes, and their metadata.
+    /// Layers so far, the tops of their page indexes, and their metadata.
     layers: Vec<(Layer, Vec<u8>, Vec<u8>)>,
 }
 
 impl FileWriter {
-    /// Starts a file of as many layers as its header says.
+    /// Starts a file with the number of layers in its header.
     pub(in crate::store) fn new(out: Output, header: FileHeader) -> Result<FileWriter> {
         FileWriter::over(out, 0, header)
     }
 
-    /// Starts a file whose output has so many bytes of it already.
+    /// Starts a file of whose bytes the output already has `there`.
     pub(super) fn over(out: Output, there: u64, header: FileHeader) -> Result<FileWriter> {
         let path = out.path().to_path_buf();
         let mut writer = FileWriter { out, path, header, position: 0, there, layers: Vec::new() };
@@ -50,12 +52,12 @@ impl FileWriter {
         Ok(writer)
     }
 
-    /// The file, for messages.
+    /// Returns the file, for messages.
     pub(in crate::store) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Bytes written so far.
+    /// Returns the number of bytes written so far.
     pub(super) fn position(&self) -> u64 {
         self.position
     }
@@ -72,12 +74,13 @@ impl FileWriter {
         Ok(())
     }
 
-    /// Makes what was written so far durable.
+    /// Makes the bytes written so far durable.
     pub(super) fn sync(&mut self) -> Result<()> {
         self.out.sync().map_err(Error::io(&self.path, "sync"))
     }
 
-    /// Makes a layer of the parts of a tree, which `fill` hands over; `in_order` says that it does so in FD order.
+    /// Writes a layer from a tree's parts, which `fill` pushes; `in_order` is whether they are in
+    /// FD order.
     pub(in crate::store) fn layer(
         &mut self,
         options: &BuildOptions,
@@ -97,8 +100,8 @@ impl FileWriter {
         Ok(root.tally)
     }
 
-    /// Makes a layer of segments that are made already, and of parts of nodes, which `fill` hands over in the order of the file; it tells
-    /// the nodes per level that others have counted.
+    /// Writes a layer from existing segments and from parts of nodes, which `fill` pushes in file
+    /// order. `fill` returns the node counts per level of the shards.
     pub(super) fn merged_layer(
         &mut self,
         header: &Header,
@@ -118,17 +121,17 @@ impl FileWriter {
         writer.finish(root.child, &Metadata { counts, ..metadata.clone() })
     }
 
-    /// Takes over a layer of another file as it is, with its metadata, which may be changed.
+    /// Copies a layer of another file unchanged, with its metadata, which may be changed.
     ///
     /// # Errors
-    /// If a byte of it is damaged, or on interruption.
+    /// If any byte of it is corrupt, or on cancellation.
     pub(in crate::store) fn copy(
         &mut self,
         from: &Goblin,
         metadata: &Metadata,
         progress: &dyn Progress,
     ) -> Result<()> {
-        // (What is damaged is not taken over under the name of another file.)
+        // (Checked first, so that corrupt segments are not copied to another file.)
         let at_once = if from.header().codec == Codec::Packed { UNPACKED_AT_ONCE } else { 1 };
         for first in (0..from.segments()).step_by(at_once) {
             progress.check()?;
@@ -148,7 +151,7 @@ impl FileWriter {
         self.push_layer(Layer { name: metadata.name.clone(), run, ..layer }, top, metadata)
     }
 
-    /// Takes a layer whose run has been written.
+    /// Adds a layer whose run has been written.
     pub(super) fn push_layer(&mut self, layer: Layer, top: Vec<u8>, metadata: &Metadata) -> Result<()> {
         let metadata = metadata.to_bytes(&self.path)?;
         self.layers.push((layer, top, metadata));
@@ -161,7 +164,7 @@ impl FileWriter {
         Ok(Section { offset, length, checksum: crc32c::crc32c(bytes) })
     }
 
-    /// Writes what stands after the layers and puts the file in its place.
+    /// Writes the end of the file after the layers, and moves the file to its final path.
     pub(in crate::store) fn finish(mut self) -> Result<()> {
         debug_assert_eq!(self.layers.len(), self.header.layers as usize);
         let mut layers = std::mem::take(&mut self.layers);

@@ -1,4 +1,4 @@
-//! Segments that wait for their place in the file.
+//! Segments that are written later than they are finished.
 
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -7,30 +7,32 @@ use spinney_base::io::{Sorter, folder};
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 
-/// What takes segments: order, entry, and the segment's bytes.
+/// Receives segments: file order, entry, and the segment's bytes.
 pub(super) type Take<'t> = dyn FnMut(u64, &[u8], &[u8]) -> Result<()> + 't;
 
-/// Segments that are written later, in the order of the file: in memory, and beyond that in a temporary file.
+/// Segments that are written later, in file order. They are kept in memory, and in a temporary file
+/// beyond the memory limit.
 pub(super) struct HeldSegments {
     /// The output, for messages.
     path: PathBuf,
     bytes: tempfile::SpooledTempFile,
     held: u64,
-    /// Entries of the directory, whose places are those among the bytes held here, by the order of the file.
+    /// Entries of the segment index, sorted by file order. Their offsets are relative to the bytes
+    /// kept here.
     order: Sorter,
     entry_size: usize,
 }
 
-/// The place of a segment in the order of the file: a node's behind those of all that is below it, and those above the crown's level behind
-/// all others.
+/// Returns a segment's sort key in file order: a node's segment follows those of all nodes below
+/// it, and those above `crown_level` follow all others.
 pub(super) fn file_order(code: Code, crown_level: u8) -> u64 {
-    // The last code below a node; of those that end alike the deepest comes first.
+    // The last code below a node. Of nodes with the same last code, the deepest is first.
     let last = code.last_bits() & !31 | u64::from(31 - code.level());
     last | u64::from(code.level() < crown_level) << 63
 }
 
 impl HeldSegments {
-    /// About `memory` bytes are held before they go to a temporary file in the output's folder.
+    /// Keeps about `memory` bytes before a temporary file in the output's directory is used.
     pub(super) fn new(output: &Path, entry_size: usize, memory: u64) -> HeldSegments {
         let (path, folder) = (output.to_path_buf(), folder(output));
         let bytes = tempfile::spooled_tempfile_in((memory / 2) as usize, folder);
@@ -38,12 +40,12 @@ impl HeldSegments {
         HeldSegments { path, bytes, held: 0, order, entry_size }
     }
 
-    /// Bytes that are held.
+    /// Returns the number of bytes kept.
     pub(super) fn len(&self) -> u64 {
         self.held
     }
 
-    /// Takes a segment, whose entry tells as its place how many bytes were held before it.
+    /// Adds a segment. The offset in its entry is the number of bytes kept before it.
     pub(super) fn push(&mut self, order: u64, parts: [&[u8]; 2], entry: &[u8]) -> Result<()> {
         for part in parts {
             self.bytes.write_all(part).map_err(Error::io(&self.path, "use a temporary file for"))?;
@@ -52,9 +54,9 @@ impl HeldSegments {
         self.order.push(order, [&order.to_le_bytes(), entry].concat())
     }
 
-    /// Hands out all segments in the order of the file.
+    /// Passes all segments to `each`, in file order.
     ///
-    /// `place` tells place and length among the bytes held by an entry's bytes.
+    /// `place` returns a segment's offset and length in the bytes kept, given its entry.
     pub(super) fn finish(self, place: impl Fn(&[u8]) -> (u64, u64), each: &mut Take<'_>) -> Result<()> {
         let HeldSegments { path, mut bytes, order, entry_size, .. } = self;
         let mut buffer = Vec::new();
@@ -64,7 +66,7 @@ impl HeldSegments {
             debug_assert_eq!(entry.len(), entry_size);
             let (offset, length) = place(entry);
             buffer.resize(length as usize, 0);
-            // (Those of a subtree are often one behind the other here, too.)
+            // (The segments of a subtree are often consecutive here, too, and need no seek.)
             let read = match position == Some(offset) {
                 true => Ok(offset),
                 false => bytes.seek(SeekFrom::Start(offset)),

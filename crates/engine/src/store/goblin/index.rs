@@ -1,4 +1,4 @@
-//! The way from a code, or a segment's number, to the page of the directory that has its entry.
+//! Lookup in the segment index: from a code or a segment's index to the page with its entry.
 
 use std::ops::{Deref, Range};
 
@@ -14,34 +14,36 @@ use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Layer;
 
-/// The directory of a layer: its pages, and the index over them.
+/// The segment index of a layer: its pages of entries, and the page index over them.
 pub(super) struct Directory {
-    /// Bytes of an entry.
+    /// Size of an entry in bytes.
     pub(super) entry_size: usize,
-    /// Segments, each of which has an entry.
+    /// Number of segments, each of which has an entry.
     segments: u64,
     pages: PageSlots,
-    /// Levels of the index, that over the pages first. The last is the top, of which there is one page.
+    /// Levels of the page index, starting with the one directly above the pages. The last is the
+    /// top, a single page.
     levels: Vec<IndexLevel>,
     /// The bytes of the top.
     top: Box<[u8]>,
 }
 
-/// Bytes of a level of the index that are asked for at once at most.
+/// Maximum size in bytes of a page index level that is prefetched at once.
 const MAX_PREFETCHED: u64 = 256 << 10;
 
-/// A level of the index, but for the top.
+/// A level of the page index.
 struct IndexLevel {
     /// Number of entries.
     entries: u64,
-    /// Its pages; none of the top.
+    /// Its pages; empty for the top.
     pages: PageSlots,
 }
 
 impl Directory {
-    /// The directory of a layer whose top has been read. `None` if there is no room in the layer for as many entries as it claims.
+    /// Returns the segment index of a layer, whose top has been read. `None` if the layer is too
+    /// small for the number of entries that it claims.
     pub(super) fn new(layer: &Layer, entry_size: usize, top: &[u8]) -> Option<Directory> {
-        // Invariant: nothing is allocated by the number of segments before this.
+        // Invariant: no memory is allocated by the number of segments before this check.
         let room = layer.run.length - layer.directory;
         if layer.segments.checked_mul(entry_size as u64)? > room {
             return None;
@@ -61,32 +63,32 @@ impl Directory {
         Some(Directory { entry_size, segments: layer.segments, pages, levels, top: top.into() })
     }
 
-    /// Entries that a page has of its own.
+    /// Returns the number of a page's own entries.
     fn page_entries(&self, page: u64) -> u64 {
         (self.segments - page * PAGE_ENTRIES).min(PAGE_ENTRIES)
     }
 }
 
-/// A page of the directory.
+/// A page of the segment index.
 struct Page<'a> {
     bytes: FileBytes<'a>,
     copies: usize,
 }
 
 impl Page<'_> {
-    /// Numbers of the segments that are copied.
+    /// Returns the indices of the copied entries' segments.
     fn numbers(&self) -> &[u8] {
         &self.bytes[HEAD_SIZE..][..self.copies * 8]
     }
 
-    /// The copies, then the page's own entries.
+    /// Returns the copies, then the page's own entries.
     #[inline]
     fn entries(&self) -> &[u8] {
         &self.bytes[HEAD_SIZE + self.copies * 8..]
     }
 }
 
-/// The bytes of an entry of the directory.
+/// The bytes of an entry of the segment index.
 pub(super) struct EntryBytes<'a> {
     page: FileBytes<'a>,
     start: usize,
@@ -102,11 +104,11 @@ impl Deref for EntryBytes<'_> {
     }
 }
 
-/// Entries of the nodes above a page's own: their numbers, and their bytes.
+/// Entries of the ancestors of a page's own nodes: their indices, and their bytes.
 pub(super) type Copies = Vec<(u64, Vec<u8>)>;
 
 impl Goblin {
-    /// The error for a page of the directory or its index that is not what it should be.
+    /// Returns the error for an invalid page of the segment index or the page index.
     #[cold]
     fn bad_page(&self, level: usize, page: u64, found: impl Into<String>, expected: &str) -> Error {
         let part = match level {
@@ -116,7 +118,7 @@ impl Goblin {
         self.corrupt(part, found, expected)
     }
 
-    /// The bytes of a page of a level: 0 has those of the directory.
+    /// Returns the bytes of a page; level 0 has the pages of entries.
     #[inline]
     fn page_bytes(&self, level: usize, page: u64) -> Result<(FileBytes<'_>, usize)> {
         let directory = &self.directory;
@@ -130,7 +132,7 @@ impl Goblin {
             }
         };
         let bytes = match self.file.backend.bytes() {
-            // (The mapped bytes of a file can be cut off after they were checked.)
+            // (A mapped file can be truncated after its bytes were checked.)
             Some(all) => all
                 .get(checked.start..)
                 .and_then(|rest| rest.get(..checked.length))
@@ -143,7 +145,7 @@ impl Goblin {
         Ok((bytes, checked.copies))
     }
 
-    /// Reads a page for the first time, and checks what does not depend on what is looked for.
+    /// Reads a page for the first time, and does all checks that do not depend on the query.
     #[cold]
     fn check_page(&self, level: usize, page: u64) -> Result<CheckedPage> {
         let entry = self.index_entry(level, page)?;
@@ -186,7 +188,7 @@ impl Goblin {
                 (0, first_code(&bytes))
             }
         };
-        // With this, the right page is found wherever the pages' own codes ascend.
+        // This makes sure that the right page is found if the pages' own codes ascend.
         if first != entry.first.get() {
             let expected = format!("{:016x}, as the index has it", entry.first);
             return Err(corrupt(format!("first code {first:016x}"), &expected));
@@ -194,10 +196,11 @@ impl Goblin {
         Ok(CheckedPage { start: start as usize, length: length as usize, copies })
     }
 
-    /// Asks for all pages of a level of the index, which stand one behind the other and lead to all of the directory, if they are not too large.
+    /// Prefetches all pages of a page index level, unless they are too large. They are consecutive
+    /// and lead to all pages of entries.
     fn prefetch_index(&self, level: usize) -> Result<()> {
         let pages = if level == 0 { 0 } else { self.directory.levels[level - 1].pages.len() as u64 };
-        // (Only below the top, whose entries are there.)
+        // (Only the level below the top, whose entries are in memory.)
         if pages < 2 || level + 1 != self.directory.levels.len() {
             return Ok(());
         }
@@ -216,7 +219,7 @@ impl Goblin {
         Ok(())
     }
 
-    /// The entry of the index for a page of the level below.
+    /// Returns the page index's entry for a page of the level below.
     fn index_entry(&self, below: usize, page: u64) -> Result<IndexEntry> {
         let level = below + 1;
         let read = |bytes: &[u8], number: u64| {
@@ -235,10 +238,10 @@ impl Goblin {
         Ok(Page { bytes, copies })
     }
 
-    /// The bytes of the entry of a segment.
+    /// Returns the bytes of a segment's entry.
     ///
     /// # Errors
-    /// If the page that has it is damaged.
+    /// If the page with the entry is corrupt.
     ///
     /// # Panics
     /// If there is no such segment.
@@ -250,32 +253,35 @@ impl Goblin {
         Ok(EntryBytes { page: bytes, start, size })
     }
 
-    /// The code of a segment's node, as it stands in the directory.
+    /// Returns the code of a segment's node, as stored in its entry.
     pub(super) fn code_bits(&self, index: usize) -> Result<u64> {
         Ok(first_code(&self.entry_bytes(index)?))
     }
 
-    /// The level of a segment's node, as the directory tells it: 0 if that is no node, which loading the segment finds out.
+    /// Returns the level of a segment's node, according to its entry; 0 if the code is invalid,
+    /// which loading the segment reports.
     ///
     /// # Errors
-    /// If the page with its entry is damaged.
+    /// If the page with its entry is corrupt.
     pub(crate) fn segment_level(&self, index: usize) -> Result<u8> {
         Ok(self.segment_code(index)?.map_or(0, Code::level))
     }
 
-    /// A segment's node, as the directory tells it; `None` if that is no node, which loading the segment finds out.
+    /// Returns a segment's node, according to its entry; `None` if the code is invalid, which
+    /// loading the segment reports.
     ///
     /// # Errors
-    /// If the page with its entry is damaged.
+    /// If the page with its entry is corrupt.
     #[inline]
     pub(crate) fn segment_code(&self, index: usize) -> Result<Option<Code>> {
         Ok(Code::from_bits(self.layout.dimension, self.code_bits(index)?))
     }
 
-    /// The numbers and bytes of the entries that a page begins with, if a segment's entry is the first of the page's own.
+    /// Returns the copied entries at the start of a page, with their indices, if a segment's entry
+    /// is the first of the page's own.
     ///
     /// # Errors
-    /// If the page is damaged.
+    /// If the page is corrupt.
     pub(super) fn page_copies(&self, index: usize) -> Result<Option<Copies>> {
         if !(index as u64).is_multiple_of(PAGE_ENTRIES) {
             return Ok(None);
@@ -286,7 +292,7 @@ impl Goblin {
         Ok(Some(numbers.zip(page.entries().chunks_exact(size).map(<[u8]>::to_vec)).collect()))
     }
 
-    /// The last page whose first code is not after a code; `None` if there is none.
+    /// Returns the last page whose first code is not after a code; `None` if there is none.
     fn page_of(&self, bits: u64) -> Result<Option<u64>> {
         let search = |bytes: &[u8]| last_not_after(bytes, INDEX_SIZE, 0..bytes.len() / INDEX_SIZE, bits);
         let Some(first) = search(&self.directory.top) else { return Ok(None) };
@@ -299,11 +305,12 @@ impl Goblin {
         Ok(Some(page))
     }
 
-    /// The number of the deepest segment among those of `code`, a node of a tree of the file's dimension, and
-    /// its ancestors: a search in the index and one in a page, O(log segments).
+    /// Returns the index of the deepest segment among those of `code`, a node of a tree of the
+    /// file's dimension, and its ancestors. One search in the page index and one in a page, O(log
+    /// segments).
     ///
     /// # Errors
-    /// If a page on the way is damaged.
+    /// If a page on the way is corrupt.
     pub fn find_segment(&self, code: Code) -> Result<Option<usize>> {
         let Some(number) = self.page_of(code.bits())? else { return Ok(None) };
         let (page, size) = (self.page(number)?, self.directory.entry_size);
@@ -312,8 +319,8 @@ impl Goblin {
         let dimension = self.layout.dimension;
         let mut searched = code;
         let mut high = page.copies + own;
-        // The last entry that is not after the code. Codes sort in preorder, so if it is no ancestor, then every ancestor
-        // with a segment is an ancestor of that entry too.
+        // The last entry that is not after the code. Codes sort in preorder, so if it is no
+        // ancestor, then every ancestor with a segment is an ancestor of that entry too.
         while let Some(index) = last_not_after(entries, size, page.copies..high, searched.bits()) {
             let Some(before) = Code::from_bits(dimension, first_code(&entries[index * size..])) else {
                 return Ok(None);
@@ -322,14 +329,15 @@ impl Goblin {
                 return Ok(Some(number as usize * PAGE_ENTRIES as usize + index - page.copies));
             }
             let level = before.common_ancestor(searched).level();
-            // Invariant: the deepest candidate from the common ancestor up owns a segment, since every
-            // candidate above a heavy one is heavy; and no node between that ancestor and `code` does: it
-            // would stand between the entry and `code`. Where a directory does not keep to that, each search has fewer entries
-            // left than the one before.
+            // Invariant: the deepest candidate from the common ancestor up owns a segment, since
+            // every candidate above a heavy one is heavy. No node between that ancestor and `code`
+            // owns one, since its entry would be between this entry and `code`. Even if a corrupt
+            // segment index violates this, the loop ends, because each search has fewer entries
+            // than the one before.
             searched = searched.ancestor(self.header.shape.segment_level(level));
             high = index;
         }
-        // Its ancestors' entries are in earlier pages, and copied here.
+        // Entries of the page's ancestors are in earlier pages, and copied to this one.
         for index in (0..page.copies).rev() {
             let bits = first_code(&entries[index * size..]);
             let copied = Code::from_bits(dimension, bits).is_some_and(|above| above.contains(code));
@@ -346,13 +354,13 @@ impl Goblin {
     }
 }
 
-/// The code that an entry starts with, or the number.
+/// Returns the code that an entry starts with, or the number.
 #[inline]
 fn first_code(bytes: &[u8]) -> u64 {
     u64::from_le_bytes(bytes[..8].try_into().expect("8 bytes"))
 }
 
-/// The last of some ascending entries whose code is not after another one.
+/// Returns the last of some ascending entries whose code is not after `bits`.
 #[inline]
 fn last_not_after(entries: &[u8], size: usize, range: Range<usize>, bits: u64) -> Option<usize> {
     let Range { start, end } = range;

@@ -1,4 +1,5 @@
-//! Writes one layer: its segments as they come, then its crown, then its directory.
+//! Writes one layer: its segments in the order of arrival, then those of the top levels, then the
+//! segment index.
 
 use std::path::Path;
 
@@ -15,26 +16,27 @@ use spinney_base::Result;
 use spinney_base::io::{Sorter, folder};
 use spinney_container::{Codec, Header, Layer, Metadata, Section};
 
-/// A layer being written, append-only.
+/// A layer that is being written, append-only.
 pub(super) struct LayerWriter<'f> {
     file: &'f mut FileWriter,
     header: Header,
-    /// Where the layer's run starts in the file.
+    /// Offset of the layer's run in the file.
     start: u64,
-    /// Whether segments come in the order of the file, but for those of the crown.
+    /// Whether segments arrive in file order, except for those of the top levels.
     in_order: bool,
     crown_level: u8,
-    /// The last segment that was written at once, by the order of the file.
+    /// File order of the last segment that was written immediately.
     last: u64,
-    /// Directory entries of the segments written so far.
+    /// Entries of the segments written so far.
     entries: Sorter,
-    /// Segments that must wait for others.
+    /// Segments that are written later.
     held: HeldSegments,
     stored_records: u64,
 }
 
 impl<'f> LayerWriter<'f> {
-    /// Starts a layer; about `memory` bytes hold what has to wait before it goes to temporary files.
+    /// Starts a layer. About `memory` bytes are used for delayed segments and entries before they
+    /// go to temporary files.
     pub(super) fn new(
         file: &'f mut FileWriter,
         header: &Header,
@@ -58,7 +60,7 @@ impl<'f> LayerWriter<'f> {
         }
     }
 
-    /// Takes a segment of two parts; its entry gets the place.
+    /// Adds a segment, whose bytes are given in two slices, and sets the offset in its entry.
     fn put(&mut self, parts: [&[u8]; 2], mut entry: Entry) -> Result<()> {
         self.stored_records += u64::from(entry.records);
         let order = file_order(entry.code, self.crown_level);
@@ -75,7 +77,7 @@ impl<'f> LayerWriter<'f> {
         self.entries.push(entry.code.bits(), entry.to_bytes())
     }
 
-    /// Writes what stands behind the segments.
+    /// Writes the delayed segments and the segment index.
     pub(super) fn finish(self, root: Child<()>, metadata: &Metadata) -> Result<()> {
         let LayerWriter { file, header, start, mut entries, held, stored_records, .. } = self;
         let mut crown = None;
@@ -120,10 +122,11 @@ impl<'f> LayerWriter<'f> {
     }
 }
 
-/// Receiver of a segment: its bytes, in two parts, and its entry.
+/// Receiver of a segment: its bytes in two slices, and its entry.
 pub(super) type Put<'p> = dyn FnMut([&[u8]; 2], Entry) -> Result<()> + 'p;
 
-/// Hands on the bytes of a segment, in two parts, and its entry, which has no place yet.
+/// Passes the bytes of a segment in two slices and its entry, whose offset is not set yet, to
+/// `put`.
 pub(super) fn with_entry(header: &Header, segment: SealedSegment, put: &mut Put<'_>) -> Result<()> {
     let (classes, counts) = class_counts(header, &segment.tally);
     let SealedSegment { code, records, tally, packed } = segment;

@@ -1,4 +1,4 @@
-//! Segments as they are needed: checked when they are used first, loaded from wherever the file's bytes are.
+//! Loading of segments: checked on first use, and read through the file's backend.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,10 +14,10 @@ use spinney_container::Codec;
 use spinney_packing::{Damage, may_unpack, unpack};
 
 impl Goblin {
-    /// One segment.
+    /// Returns one segment.
     ///
     /// # Errors
-    /// If it is damaged or cannot be read.
+    /// If it is corrupt or cannot be read.
     ///
     /// # Panics
     /// If there is no such segment.
@@ -26,14 +26,14 @@ impl Goblin {
         if self.is_checked(index) { self.load(index) } else { self.check_segment(index) }
     }
 
-    /// Whether a segment was found to be good.
+    /// Returns whether a segment was checked and found valid.
     #[inline]
     fn is_checked(&self, index: usize) -> bool {
         self.checked[index / 64].load(Ordering::Relaxed) >> (index % 64) & 1 != 0
     }
 
-    /// Loads a segment that is used for the first time, and checks all that does not depend on where in it a
-    /// walk goes.
+    /// Loads a segment that is used for the first time, and does all checks that do not depend on
+    /// the traversal.
     #[cold]
     fn check_segment(&self, index: usize) -> Result<Segment<'_>> {
         let entry = self.entry(index)?;
@@ -55,10 +55,10 @@ impl Goblin {
         if self.header.shape.segment_level(level) != level {
             return Err(self.corrupt(part(), format!("level {level}"), "a segment's level"));
         }
-        // Segments lie beside each other. Else a small file could claim many large ones, and take hours to
-        // walk.
-        // (Another thread may have checked this one meanwhile: it sets the segment's bit before it adds
-        // the bytes, so that who sees them sees the bit.)
+        // Segments must not overlap. Otherwise a small file could claim many large ones and take
+        // hours to traverse. (Another thread may have checked this segment meanwhile. It sets the
+        // segment's bit before it adds the bytes, so a thread that sees the bytes also sees the
+        // bit.)
         if self.checked_bytes.load(Ordering::Acquire) + entry.length > room && !self.is_checked(index) {
             return Err(self.corrupt(part(), "bytes of another segment", "segments that do not overlap"));
         }
@@ -77,8 +77,8 @@ impl Goblin {
                 self.segment_of(index, entry.code, bytes, entry.records)?
             }
         };
-        // All walks start from here: with the first record's extent known, each step down can check the next
-        // one's.
+        // All traversals start at the first record. Its extent is known, so each step down can
+        // check that of the next record.
         let skip = self.layout.head(segment.records(), 0).map_or(0, |head| head.skip);
         if skip != entry.records {
             let expected = format!("{}, all records", entry.records);
@@ -92,7 +92,8 @@ impl Goblin {
             let expected = format!("{}, as the directory has it", entry.zone.cells);
             return Err(self.corrupt(part(), format!("class counts of {counted:?} cells"), &expected));
         }
-        // Two threads may have checked it at the same time: the one that sets the bit counts the bytes, once.
+        // Two threads may have checked it at the same time: the one that sets the bit counts the
+        // bytes, once.
         let bit = 1u64 << (index % 64);
         if self.checked[index / 64].fetch_or(bit, Ordering::Relaxed) & bit == 0 {
             self.checked_bytes.fetch_add(entry.length, Ordering::Release);
@@ -100,7 +101,7 @@ impl Goblin {
         Ok(segment)
     }
 
-    /// Bytes of so many records and class counts.
+    /// Returns the size in bytes of records and class counts.
     #[inline]
     pub(super) fn plain_length(&self, records: u32, classes: u16) -> u64 {
         u64::from(records) * self.layout.size as u64
@@ -117,17 +118,19 @@ impl Goblin {
         Ok(())
     }
 
-    /// The error for mapped bytes that are others than when they were checked. They must not lead out of the file then.
+    /// Returns the error for mapped bytes that have changed since they were checked, which must not
+    /// lead to reads outside of the file.
     #[cold]
     pub(super) fn changed(&self, index: usize) -> Error {
         let part = format!("directory entry {index}");
         self.corrupt(part, "other numbers than before", "a file that nobody writes to")
     }
 
-    /// Bytes of the layer's run; `None` if there are not so many in a file that is mapped.
+    /// Returns bytes of the layer's run; `None` if a mapped file does not have that many.
     #[inline]
     fn stored_bytes(&self, offset: u64, length: usize) -> Result<Option<FileBytes<'_>>> {
-        // (No overflow: both were within the run when they were checked; and if they changed, nothing is there.)
+        // (No overflow: both were within the run when they were checked. If they have changed, no
+        // bytes are found.)
         let offset = self.layer().run.offset.wrapping_add(offset);
         match self.file.backend.bytes() {
             Some(all) => {
@@ -138,13 +141,13 @@ impl Goblin {
         }
     }
 
-    /// The bytes of a segment as they stand in the file.
+    /// Returns the bytes of a segment as stored in the file.
     pub(super) fn stored_segment(&self, index: usize) -> Result<FileBytes<'_>> {
         let entry = SegmentLocation::read(&self.entry_bytes(index)?).ok_or_else(|| self.changed(index))?;
         self.stored_bytes(entry.offset, entry.length as usize)?.ok_or_else(|| self.changed(index))
     }
 
-    /// A segment whose entry is known to be good.
+    /// Loads a segment whose entry was checked.
     #[inline]
     fn load(&self, index: usize) -> Result<Segment<'_>> {
         let changed = || self.changed(index);
@@ -173,7 +176,7 @@ impl Goblin {
         Ok(Segment { code, index, bytes, record_bytes, width: self.layout.width })
     }
 
-    /// The bytes of a packed segment, unpacked.
+    /// Returns the unpacked bytes of a packed segment.
     #[inline(never)]
     fn unpacked(&self, index: usize, code: Code, entry: &SegmentLocation) -> Result<FileBytes<'_>> {
         let plain = self.plain_length(entry.records, entry.classes) as usize;
@@ -185,7 +188,8 @@ impl Goblin {
         self.unpack(index, (code, entry.records, entry.classes), &stored)
     }
 
-    /// Unpacks the bytes of a node's segment, which has so many records and class counts.
+    /// Unpacks the bytes of a node's segment, given the numbers of its record slots and class
+    /// counts.
     fn unpack(
         &self,
         index: usize,

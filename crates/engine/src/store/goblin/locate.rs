@@ -1,4 +1,4 @@
-//! Lookup by FD code: the segment of a node, its record in there, its value.
+//! Lookup by FD code: the segment of a node, its record in the segment, its value.
 
 use super::reader::Goblin;
 use super::segment::Segment;
@@ -10,26 +10,28 @@ use spinney_base::{Error, Result};
 
 /// Position of a node's record.
 pub(crate) struct Located<'a> {
-    /// The deepest segment that has it.
+    /// The deepest segment that has the record.
     pub segment: Segment<'a>,
-    /// The record's number there, or that of the dense block which has the node.
+    /// The record's index in the segment, or that of the dense block that contains the node.
     pub record: usize,
     /// The level of the record's node.
     pub level: u8,
 }
 
 impl Goblin {
-    /// The deepest segment among those of a node and its ancestors, in a file whose root is INNER.
+    /// Returns the deepest segment among those of a node and its ancestors, in a file whose root is
+    /// INNER.
     #[inline]
     pub(super) fn segment_above(&self, code: Code) -> Result<Segment<'_>> {
         self.segment(self.find_segment(code)?.ok_or_else(|| self.no_root())?)
     }
 
-    /// The deepest segment with a node's record, or with the dense block that has the node; or the uniform value (VOID or LEAF)
-    /// of the block it lies in, if that is no part of a dense block.
+    /// Returns the deepest segment with a node's record, or with the dense block that contains the
+    /// node. If the node lies in a uniform block (VOID or LEAF) outside of dense blocks, returns
+    /// its value instead.
     ///
-    /// The representative is left out (it is zero): it stands with the parent, which may be in another
-    /// segment, and who wants it asks [`Goblin::value_at`].
+    /// The representative is zero: the parent's record has it, which may be in another segment.
+    /// [`Goblin::value_at`] returns it.
     #[inline]
     pub(crate) fn locate(&self, code: Code) -> Result<Child<Located<'_>>> {
         match self.root_child() {
@@ -48,17 +50,18 @@ impl Goblin {
             Descent::Dense(record, level) => {
                 Ok(Child::Inner { representative: Value::ZERO, node: Located { segment, record, level } })
             }
-            // The record is in a deeper segment, and this is the deepest one.
+            // The record should be in a deeper segment, but this is the deepest one.
             Descent::Cut(level) => Err(self.bad_cut(code.ancestor(level))),
             Descent::BadSkip(record) => Err(self.bad_skip(&segment, record)),
         }
     }
 
-    /// The value of a node (a cell, or a block at coarse detail): its own, or that of the LEAF it lies in;
-    /// `None` is VOID. One search in the directory and one descent in one segment.
+    /// Returns the value of a node (a cell, or a block at coarse detail): its own, or that of the
+    /// LEAF it lies in; `None` is VOID. One search in the segment index and one descent in one
+    /// segment.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn value_at(&self, code: Code) -> Result<Option<Value>> {
         let Some(parent) = code.parent() else {
             return Ok(self.root_child().value());
@@ -73,20 +76,21 @@ impl Goblin {
         })
     }
 
-    /// The error for a directory without the segment that every INNER root owns.
+    /// Returns the error for a segment index without the segment that every INNER root owns.
     #[cold]
     pub(super) fn no_root(&self) -> Error {
         self.corrupt("directory".into(), "no root", "one")
     }
 
-    /// The error for a record whose children's extents are not beside each other inside its own.
+    /// Returns the error for a record whose children's extents are not disjoint or not inside its
+    /// own.
     #[cold]
     pub(crate) fn bad_skip(&self, segment: &Segment<'_>, record: usize) -> Error {
         let part = format!("segment {}, record {record}", segment.code);
         self.corrupt(part, "a child's skip that leads out of the node", "skips that add up")
     }
 
-    /// The error for a node that is CUT where there is no deeper segment.
+    /// Returns the error for a node that is CUT although there is no deeper segment.
     #[cold]
     pub(crate) fn bad_cut(&self, code: Code) -> Error {
         self.corrupt(format!("node {code}"), "CUT, but no deeper segment", "a segment with its record")

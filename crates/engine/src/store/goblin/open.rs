@@ -1,4 +1,4 @@
-//! Opening a file: header, trailer, table of layers, metadata, and where the directory is.
+//! Opening of a file: header, trailer, table of layers, metadata, and the top of the page index.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -21,26 +21,26 @@ impl Goblin {
     /// Opens a file.
     ///
     /// # Errors
-    /// If it cannot be read, is no Goblin file, or is damaged.
+    /// If it cannot be read, is not a Goblin file, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<Goblin> {
         Goblin::from_backend(path, options.open(path)?, options)
     }
 
-    /// Opens a file that is in memory.
+    /// Opens a file in memory.
     ///
     /// # Errors
-    /// As [`Goblin::open`].
+    /// Those of [`Goblin::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<Goblin> {
         Goblin::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
 
-    /// Opens whatever a backend reads; `path` is for messages.
+    /// Opens a file through any backend; `path` is for messages.
     ///
     /// # Errors
-    /// As [`Goblin::open`].
+    /// Those of [`Goblin::open`].
     pub fn from_backend(path: &Path, backend: Box<dyn ReadBackend>, options: &OpenOptions) -> Result<Goblin> {
         let backend = options.access.cached(backend);
-        // Before anything is read.
+        // Before any read.
         let version = backend.version()?;
         let (length, tail) = (backend.len(), backend.len().min(TAIL as u64));
         backend.prefetch(&[0..length.min(FIRST_BYTES as u64), length - tail..length])?;
@@ -73,13 +73,13 @@ impl Goblin {
         Goblin::of_file(Arc::new(file), 0)
     }
 
-    /// Another layer of the same file.
+    /// Opens another layer of the same file.
     ///
     /// # Errors
-    /// If its metadata or the top of its index cannot be read.
+    /// If its metadata or the top of its page index cannot be read.
     ///
     /// # Panics
-    /// If there is no layer of that number.
+    /// If there is no layer of that index.
     pub fn open_layer(&self, number: usize) -> Result<Goblin> {
         Goblin::of_file(self.file.clone(), number)
     }
@@ -121,7 +121,7 @@ impl Goblin {
     }
 }
 
-/// The tree's root, with a value of so many bytes.
+/// Returns the tree's root; its value has `width` bytes.
 fn root(layer: &Layer, width: usize) -> Child<()> {
     let value = Value::from_bytes(&layer.root_value[..width]);
     match layer.root_state {

@@ -1,4 +1,4 @@
-//! Packed segments: what they are to whoever packs and unpacks them, and how many bytes they may become.
+//! Packed segments: what packing needs to know about a segment, and size limits.
 
 use super::directory::NOT_COUNTED;
 use super::segment::COUNT_SIZE;
@@ -9,23 +9,26 @@ use spinney_base::value::ZoneStats;
 use spinney_container::Header;
 use spinney_packing::{SegmentForm, may_unpack, pack};
 
-/// The meaning of the bytes of a node's segment in a tree that has it; `None` if that has no such level.
+/// Returns the description of a node's segment that packing needs; `None` if the tree does not have
+/// the node's level.
 pub(super) fn segment_form(header: &Header, node: Code) -> Option<SegmentForm> {
     let Header { form, rule, kind, shape, .. } = *header;
     let height = shape.depth.checked_sub(node.level())?;
     Some(SegmentForm { form, rule, kind, height, reach: shape.reach })
 }
 
-/// Whether a segment means the same in two trees, at nodes with as many levels below them.
+/// Returns whether packed segments of one tree are valid in the other, for nodes with equally many
+/// levels below them.
 pub(super) fn are_packed_alike(a: &Header, b: &Header) -> bool {
     let of = |header: &Header| (header.form, header.rule, header.kind, header.shape.reach);
     of(a) == of(b)
 }
 
-/// Packs the bytes of a node's segment, which has so many places; `None` where they are to stay plain.
+/// Packs the bytes of a node's segment, which has `places` record slots; `None` if they should stay
+/// plain.
 pub(super) fn pack_bytes(header: &Header, node: Code, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let form = segment_form(header, node)?;
-    // (Nobody has to pack what nobody may unpack.)
+    // (Segments that exceed the limits for unpacking are not packed.)
     if !may_unpack(plain.len() as u64, plain.len() as u64) {
         return None;
     }
@@ -40,8 +43,8 @@ pub(super) fn pack_sealed(header: &Header, segment: &SealedSegment) -> Option<Ve
     pack_bytes(header, segment.code, places, joined.as_ref().unwrap_or(&segment.records))
 }
 
-/// The class counts that follow a segment's records: their number as the directory has it, and their bytes, of each the value's, then
-/// the cells.
+/// Returns the class counts that follow a segment's records: their number as stored in the entry,
+/// and their bytes. Each is the value's bytes, then the number of cells.
 pub(super) fn class_counts(header: &Header, tally: &ZoneStats) -> (u16, Vec<u8>) {
     let listed = if header.counts_classes() { tally.listed_classes() } else { Some(&[][..]) };
     let Some(classes) = listed else { return (NOT_COUNTED, Vec::new()) };

@@ -1,23 +1,25 @@
-//! Pages of the directory, and the index over them.
+//! Pages of the segment index, and the page index over them.
 //!
-//! The directory's entries stand in pages of so many. Each page begins with copies of the entries of its first node's ancestors, so
-//! that one page tells all segments on the way to any node. Over the pages is an index: an entry for each, in pages again, until
-//! one page, the *top*, has all that is left.
+//! The entries of segments are stored in pages of [`PAGE_ENTRIES`]. Each page begins with copies of
+//! the entries of its first node's ancestors, so one page is enough to find all segments on the way
+//! to any node. The page index has an entry per page, in pages again, until all entries fit into
+//! one page, the *top*.
 
 use std::sync::OnceLock;
 
 use zerocopy::little_endian::{U16, U32, U64};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
-/// Entries of a page of the directory, but for the copies that it begins with. All pages but the last have as many.
+/// Number of a page's own entries, without the copies at its beginning. Only the last page may have
+/// fewer.
 pub(super) const PAGE_ENTRIES: u64 = 128;
-/// Entries of a page of the index. All pages of a level but the last have as many.
+/// Number of entries of a page of the page index. Only the last page of a level may have fewer.
 pub(super) const INDEX_ENTRIES: u64 = 256;
-/// Copies at a page's beginning at most: nodes that can own segments on the way down.
+/// Maximum number of copies at a page's beginning: the nodes on a path that can own segments.
 pub(super) const MAX_COPIES: usize = 31;
 
-/// The beginning of a page of the directory. The numbers of the segments whose entries are copied follow, as `u64` each, then the
-/// copies, then the page's own entries.
+/// The head of a page of entries. The indices of the copied entries' segments follow, as `u64`
+/// each, then the copies, then the page's own entries.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 pub(super) struct PageHead {
@@ -26,7 +28,7 @@ pub(super) struct PageHead {
     zero: [u8; 4],
 }
 
-/// Bytes of a page's head.
+/// Size of a page's head in bytes.
 pub(super) const HEAD_SIZE: usize = size_of::<PageHead>();
 
 impl PageHead {
@@ -35,21 +37,22 @@ impl PageHead {
     }
 }
 
-/// An entry of the index: where a page is, and the first code in it that is no copy.
+/// An entry of the page index: the location of a page, and its first code that is not a copy.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned, Clone, Copy)]
 #[repr(C)]
 pub(super) struct IndexEntry {
     pub(super) first: U64,
-    /// From the first byte of the layer's run on.
+    /// Relative to the start of the layer's run.
     pub(super) offset: U64,
     pub(super) length: U32,
     pub(super) checksum: U32,
 }
 
-/// Bytes of an entry of the index.
+/// Size of a page index entry in bytes.
 pub(super) const INDEX_SIZE: usize = size_of::<IndexEntry>();
 
-/// The numbers of entries of the index's levels, the pages' own first; the last is that of the top. None without segments.
+/// Returns the number of entries of each level of the page index, from the one directly above the
+/// pages to the top. Empty without segments.
 pub(super) fn index_levels(segments: u64) -> Vec<u64> {
     let mut levels = Vec::new();
     let mut entries = segments.div_ceil(PAGE_ENTRIES);
@@ -60,19 +63,19 @@ pub(super) fn index_levels(segments: u64) -> Vec<u64> {
     levels
 }
 
-/// A page that was read and found to be good.
+/// A page that was read and found valid.
 pub(super) struct CheckedPage {
-    /// Where it starts in the file.
+    /// Offset in the file.
     pub(super) start: usize,
     pub(super) length: usize,
-    /// Copies that it begins with.
+    /// Number of copies at its beginning.
     pub(super) copies: usize,
 }
 
-/// The pages of one level, each as it is read first.
+/// The pages of one level, each set when it is first read.
 pub(super) type PageSlots = Box<[OnceLock<CheckedPage>]>;
 
-/// Pages that are not read yet.
+/// Returns slots for pages that have not been read yet.
 pub(super) fn page_slots(pages: u64) -> PageSlots {
     (0..pages).map(|_| OnceLock::new()).collect()
 }

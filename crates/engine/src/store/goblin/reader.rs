@@ -1,4 +1,4 @@
-//! An open Goblin file, and what it says of itself.
+//! An open Goblin file, its header and its metadata.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -13,30 +13,31 @@ use spinney_base::value::ZoneStats;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, HEADER_SIZE, Header, Layer, Metadata, Section};
 
-/// A layer of a Goblin file, open for reading; may be shared by any number of threads.
+/// A layer of a Goblin file, open for reading. Can be shared by any number of threads.
 ///
-/// Opening reads the header, the trailer, the table of layers, and the metadata of this one. Everything that is read later is checked before it
-/// is used: a damaged file gives an error, never a wrong answer (unless
+/// Opening reads the header, the trailer, the table of layers, and this layer's metadata.
+/// Everything that is read later is checked before it is used: a corrupt file causes an error,
+/// never an incorrect result (unless
 /// [`OpenOptions::check`](method@spinney_container::OpenOptions::check) is off) or a crash.
 pub struct Goblin {
-    /// The file, which its layers have in common.
+    /// The file, which its layers share.
     pub(super) file: Arc<OpenFile>,
-    /// Number of the layer.
+    /// Index of the layer.
     pub(super) number: usize,
     pub(super) header: Header,
     /// Layout of its records.
     pub(super) layout: RecordLayout,
-    /// The way down through them.
+    /// Descent through its records.
     pub(super) descend: Descend,
     /// The root's state, and its value or representative.
     pub(super) root: Child<()>,
     pub(super) metadata: Metadata,
     pub(super) directory: Directory,
-    /// One bit per segment that was found to be good.
+    /// One bit per segment that was checked and found valid.
     pub(super) checked: Vec<AtomicU64>,
-    /// Bytes of those segments in the file.
+    /// Size of those segments in the file, in bytes.
     pub(super) checked_bytes: AtomicU64,
-    /// Segments that were packed.
+    /// Cache of unpacked segments.
     pub(super) unpacked: Unpacked,
 }
 
@@ -47,47 +48,47 @@ pub(super) struct OpenFile {
     /// Version of the file when it was opened.
     pub(super) version: Option<FileStat>,
     pub(super) layers: Vec<Layer>,
-    /// Where the table of layers is.
+    /// Location of the table of layers.
     pub(super) table: Section,
-    /// Whether each segment's checksum is checked when it is used first.
+    /// Whether each segment's checksum is checked on first use.
     pub(super) check: bool,
     pub(super) access: FileAccess,
 }
 
 impl Goblin {
-    /// Whether all records can be seen where they are, so that holding on to them costs nothing.
+    /// Returns whether all records are mapped, so that keeping references to them costs nothing.
     pub(crate) fn is_mapped(&self) -> bool {
         self.header.codec == Codec::Plain && self.file.backend.bytes().is_some()
     }
 
-    /// The file, for messages.
+    /// Returns the file, for messages.
     pub fn path(&self) -> &Path {
         &self.file.path
     }
 
-    /// How the file was opened.
+    /// Returns how the file was opened.
     pub fn access(&self) -> &FileAccess {
         &self.file.access
     }
 
-    /// The file's header.
+    /// Returns the layer's header.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Layout of the records of segments.
+    /// Returns the layout of records in segments.
     #[inline]
     pub fn layout(&self) -> &RecordLayout {
         &self.layout
     }
 
-    /// Georeference, meaning and provenance of the data.
+    /// Returns georeference, meaning and provenance of the data.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Makes sure that the file is what it was when it was opened, so that all answers since are of one state.
-    /// (That another file has got its name does not matter.)
+    /// Checks that the file has not changed since it was opened, so that all results since then are
+    /// of one state. (It does not matter if the path now belongs to another file.)
     ///
     /// # Errors
     /// If it was changed.
@@ -100,52 +101,54 @@ impl Goblin {
         }
     }
 
-    /// Queries the host of a remote file whether it still is the version that was opened.
+    /// Checks with a request to the host that a remote file still has the version that was opened.
     ///
     /// # Errors
-    /// If it is not, or the host does not respond.
+    /// If it has not, or the host does not respond.
     pub fn check_remote(&self) -> Result<()> {
         self.file.backend.check_remote()
     }
 
-    /// Version of the file when it was opened; `None` of one in memory.
+    /// Returns the file's version when it was opened; `None` for a file in memory.
     pub fn version(&self) -> Option<&FileStat> {
         self.file.version.as_ref()
     }
 
-    /// Bytes of the whole file.
+    /// Returns the size of the whole file in bytes.
     pub fn file_size(&self) -> u64 {
         self.file.backend.len()
     }
 
-    /// The layers of the file, of which this is one.
+    /// Returns the layers of the file, including this one.
     pub fn layers(&self) -> &[Layer] {
         &self.file.layers
     }
 
-    /// The number of this layer.
+    /// Returns the index of this layer.
     pub fn layer_number(&self) -> usize {
         self.number
     }
 
-    /// This layer, as the file's table has it.
+    /// Returns this layer's entry in the table of layers.
     #[inline]
     pub(super) fn layer(&self) -> &Layer {
         &self.file.layers[self.number]
     }
 
-    /// Number of segments.
+    /// Returns the number of segments.
     #[inline]
     pub fn segments(&self) -> usize {
         self.layer().segments as usize
     }
 
-    /// Places of records in all segments: those stored more than once take several, those in dense blocks less than one each.
+    /// Returns the number of record slots in all segments. Records that are stored more than once
+    /// count several times; those in dense blocks use less than one slot each.
     pub fn stored_records(&self) -> u64 {
         self.layer().stored_records
     }
 
-    /// Name and bytes of each part of the file; of several layers those of all.
+    /// Returns name and size in bytes of each section of the file; sections of several layers are
+    /// added up.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         let layers = &self.file.layers;
         let sum = |bytes: &dyn Fn(&Layer) -> u64| layers.iter().map(bytes).fold(0, u64::saturating_add);
@@ -164,22 +167,22 @@ impl Goblin {
         ]
     }
 
-    /// The error for a part of the file that breaks the format's rules.
+    /// Returns the error for a violation of the format's rules.
     #[cold]
     pub(super) fn corrupt(&self, part: String, found: impl Into<String>, expected: &str) -> Error {
         Error::corrupt(&self.file.path, part, found, expected)
     }
 
-    /// The root: its state, and its value or representative.
+    /// Returns the root: its state, and its value or representative.
     #[inline]
     pub fn root_child(&self) -> Child<()> {
         self.root
     }
 
-    /// One entry of the directory.
+    /// Returns one entry of the segment index.
     ///
     /// # Errors
-    /// If the entry is damaged.
+    /// If the entry is corrupt.
     ///
     /// # Panics
     /// If there is no such entry.
@@ -190,7 +193,7 @@ impl Goblin {
         let cells = height.map_or(0, |height| form.dimension.cells(height));
         let ZoneStats { cells: counted, present, sum, squares, .. } = &entry.zone;
         let has_more = present.iter().any(|present| present > counted);
-        // Sums of zones that are possible can be added up without overflow.
+        // Sums that pass this check can be added up without overflow.
         if *counted > cells || has_more || !sum.are_possible(*counted) || !squares.are_possible(*counted) {
             let sums = show_sums(sum, form.value.channels);
             let found = format!("statistics of {counted} cells with sums {sums}");
@@ -200,10 +203,10 @@ impl Goblin {
         Ok(entry)
     }
 
-    /// Zone statistics of a segment's node, class counts included.
+    /// Returns the zone statistics of a segment's node, including class counts.
     ///
     /// # Errors
-    /// If the segment or its entry is damaged.
+    /// If the segment or its entry is corrupt.
     ///
     /// # Panics
     /// If there is no such segment.

@@ -1,4 +1,4 @@
-//! Puts blocks together to the segments of a Goblin file, in whatever order they come.
+//! Merges blocks into the segments of a Goblin file, in whatever order they are pushed.
 
 use super::directory::Entry;
 use super::packed::pack_sealed;
@@ -12,45 +12,45 @@ use spinney_base::value::{Rule, Value};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, LevelCounts};
 
-/// Merges parts whose siblings are complete, seals segments, and hands them to a sink.
+/// Merges parts whose siblings are complete, seals segments, and passes them to a sink.
 pub(super) struct SegmentBuilder<'k> {
     header: Header,
     siblings: Siblings<Part>,
     root: Option<Part>,
-    /// The level above which nothing is merged, where only a piece of a tree is made.
+    /// The level above which nothing is merged, if only a shard of a tree is built.
     stop: Option<u8>,
     counts: LevelCounts,
-    /// Segments that are to be packed, in their order: those of a batch are packed by all threads.
+    /// Segments to be packed, in order: all threads pack those of a batch.
     unpacked: Vec<SealedSegment>,
     sink: &'k mut dyn SegmentSink,
 }
 
-/// Message of an error that cannot be, since whoever fills a tree hands over all of its cells.
+/// Panic message for a missing root, which cannot occur, since all cells of a tree are pushed.
 pub(super) const ALL_HAS_COME: &str = "all blocks were pushed";
 
-/// Message of an error that [`TreeSink::can_copy`] excludes.
+/// Panic message for a case that [`TreeSink::can_copy`] excludes.
 const CAN_BE_COPIED: &str = "only what can be copied is";
 
 impl<'k> SegmentBuilder<'k> {
-    /// For the tree of a header. `covered` is the extent of the parts that will come; what is outside is
-    /// VOID.
+    /// Returns a builder for the tree of a header. `covered` is the extent of the parts that will
+    /// be pushed; all cells outside are VOID.
     pub(super) fn new(header: &Header, covered: [u64; 3], sink: &'k mut dyn SegmentSink) -> Self {
         let siblings = Siblings::new(header.form.dimension, header.depth(), covered);
         let (header, counts, stop) = (header.clone(), LevelCounts::default(), sink.stop());
         SegmentBuilder { header, siblings, root: None, stop, counts, unpacked: Vec::new(), sink }
     }
 
-    /// Takes a segment as it is to be written, whose node's part will come.
+    /// Writes a finished segment; its node's part is pushed later.
     pub(super) fn pass(&mut self, bytes: &[u8], entry: Entry) -> Result<()> {
         self.sink.copy(bytes, entry)
     }
 
-    /// Makes sure that segments that were passed on are on the disk.
+    /// Makes segments that were passed on durable.
     pub(super) fn sync(&mut self) -> Result<()> {
         self.sink.sync()
     }
 
-    /// Takes a segment that is the next one: to be packed with others, or at once.
+    /// Adds the next segment: to be packed with others, or written immediately.
     fn segment(&mut self, segment: SealedSegment) -> Result<()> {
         match self.sink.codec() {
             Codec::Packed => self.unpacked.push(segment),
@@ -59,7 +59,7 @@ impl<'k> SegmentBuilder<'k> {
         Ok(())
     }
 
-    /// Packs and hands on the segments that wait for that.
+    /// Packs the segments that wait for it, and passes them to the sink.
     fn pack(&mut self) -> Result<()> {
         let segments = std::mem::take(&mut self.unpacked);
         let packed = parallel::map(&segments, |segment| pack_sealed(&self.header, segment));
@@ -67,7 +67,7 @@ impl<'k> SegmentBuilder<'k> {
         both.try_for_each(|(segment, packed)| self.sink.segment(SealedSegment { packed, ..segment }))
     }
 
-    /// Takes a block whose segments are not packed yet.
+    /// Adds a block whose segments are not packed yet.
     fn add(&mut self, (part, sealed, counts): BuiltBlock) -> Result<()> {
         self.counts.merge(&counts);
         if let Some(sealed) = sealed {
@@ -76,9 +76,9 @@ impl<'k> SegmentBuilder<'k> {
         self.join(part)
     }
 
-    /// Takes a part whose own segment is already taken off.
+    /// Adds a part whose own segment has been removed.
     fn join(&mut self, mut part: Part) -> Result<()> {
-        // A part that is the last of its siblings makes their parent, which may again be the last.
+        // The last of some siblings completes their parent, which may be the last again.
         loop {
             if self.stop.is_some_and(|stop| part.code.level() <= stop) {
                 return self.sink.top(part);
@@ -95,9 +95,10 @@ impl<'k> SegmentBuilder<'k> {
             let void = |code| Part::uniform(code, depth, value_type, None, false);
             let Some(parts) = self.siblings.join(parent, step, part, void) else { return Ok(()) };
             part = Part::merge(parent, &parts, depth, self.header.rule, &mut self.counts);
-            // Invariant: segments are sealed in postorder, each node's before its ancestors', since a part
-            // waits for its siblings, and a parent is made of complete ones. So one pass over the cells is
-            // one pass over the file, and what is kept of a subtree is what those above still need.
+            // Invariant: segments are sealed in postorder, each node's before its ancestors', since
+            // a part waits for its siblings and a parent is merged from complete ones. So one pass
+            // over the cells is one pass over the file, and only records that nodes above still
+            // need are kept.
             let sealed = part.seal(&self.header.shape).map_err(|BadSkip| {
                 let place = format!("records below node {parent}");
                 Error::corrupt(self.sink.path(), place, "numbers that contradict each other", "a tree's")
@@ -108,7 +109,7 @@ impl<'k> SegmentBuilder<'k> {
         }
     }
 
-    /// The nodes per level, and the root, if all parts of a whole tree have come.
+    /// Returns the root, if all parts of a whole tree were pushed, and the node counts per level.
     pub(super) fn finish(self) -> (Option<Part>, LevelCounts) {
         (self.root, self.counts)
     }
@@ -125,11 +126,11 @@ impl TreeSink for SegmentBuilder<'_> {
     }
 
     fn can_copy(&self, code: Code, node: &StoredNode<'_>) -> Result<bool> {
-        // What stands above a piece of a tree is not the piece's.
+        // A shard does not write the nodes above its level.
         if self.stop.is_some_and(|stop| code.level() < stop) {
             return Ok(false);
         }
-        // (Majorities above it are made of the counts of all classes.)
+        // (Majorities above it need the counts of all classes.)
         let needs_classes = self.header.rule == Rule::Majority;
         SegmentCopy::is_possible(node, code, (self.header.form, &self.header.shape), needs_classes)
     }

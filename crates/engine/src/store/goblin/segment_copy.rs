@@ -1,4 +1,4 @@
-//! Takes over what a file has stored below a node, segment by segment, without making it anew.
+//! Copies the stored segments below a node from one file to another, without building them.
 
 use std::any::Any;
 use std::sync::Arc;
@@ -25,13 +25,13 @@ pub(super) struct SegmentCopy<'a> {
     file: &'a Goblin,
     from: Code,
     to: Code,
-    /// The number of the segment that the node owns.
+    /// Index of the segment that the node owns.
     own: usize,
-    /// Segments of the node and of what is below it, a node's before its ancestors'.
+    /// Segments of the node and of its descendants, a node's before its ancestors'.
     segments: Vec<usize>,
 }
 
-/// A segment that was counted, and thereby checked, as it is to be written.
+/// A segment that was counted, and thereby checked, with the bytes to be written.
 struct ReadySegment<'a> {
     counts: LevelCounts,
     entry: Entry,
@@ -42,19 +42,20 @@ fn send_some(segments: &[ReadySegment<'_>], sink: &mut dyn SegmentSink) -> Resul
     segments.iter().try_for_each(|segment| sink.copy(&segment.bytes, segment.entry.clone()))
 }
 
-/// Segments that are checked and counted at a time: few enough to be in the processor's cache when they are
-/// written.
+/// Number of segments that are checked and counted at a time: few enough to be in the processor's
+/// cache when they are written.
 const BATCH: usize = 8;
 
-/// The Goblin file that a node is from.
+/// Returns the Goblin file of a node.
 fn file_of<'a>(node: &StoredNode<'a>) -> Option<&'a Goblin> {
     let file: &'a dyn Any = node.file;
     file.downcast_ref()
 }
 
 impl<'a> SegmentCopy<'a> {
-    /// Whether a node and all that is below it can be copied to the node `to` of a tree: it owns a segment,
-    /// and so will `to`, with the same segments below; and it tells its classes, if somebody needs them.
+    /// Returns whether a node and its subtree can be copied to the node `to` of a tree. The node
+    /// must own a segment, and so will `to`, with the same segments below; and the file must have
+    /// its class counts if they are needed.
     pub(super) fn is_possible(
         node: &StoredNode<'_>,
         to: Code,
@@ -66,7 +67,7 @@ impl<'a> SegmentCopy<'a> {
         let is_alike = there.form == form
             && there.shape.is_cut_like(shape)
             && Some(node.height) == shape.depth.checked_sub(to.level());
-        // A root owns a segment whether it is heavy or not.
+        // A root owns a segment even if it is not heavy.
         let is_root = node.height == there.depth();
         if !is_alike || !shape.is_candidate(to.level()) || is_root || node.record != 0 {
             return Ok(false);
@@ -76,7 +77,7 @@ impl<'a> SegmentCopy<'a> {
         Ok(owns && !(needs_classes && file.entry(segment)?.classes == NOT_COUNTED))
     }
 
-    /// All that is to be copied; `None` if the node is not that of a Goblin file.
+    /// Returns the segments to be copied; `None` if the node is not in a Goblin file.
     pub(super) fn of(node: &StoredNode<'a>, to: Code) -> Result<Option<SegmentCopy<'a>>> {
         let Some(file) = file_of(node) else { return Ok(None) };
         let own = node.run as usize;
@@ -84,12 +85,13 @@ impl<'a> SegmentCopy<'a> {
         Ok(Some(SegmentCopy { file, from, to, own, segments: below(file, own, from)? }))
     }
 
-    /// Hands the segments to the sink of a tree with a header, and tells their nodes per level: while some are written, the next are
-    /// counted, and packed or unpacked where the trees differ in that.
+    /// Passes the segments to the sink of a tree with this header, and returns their node counts
+    /// per level. While some segments are written, the next are counted, and packed or unpacked if
+    /// the trees differ in that.
     pub(super) fn send(&self, header: &Header, sink: &mut dyn SegmentSink) -> Result<LevelCounts> {
-        // A pipeline of two stages, which the empty batch at the end drains. Invariant: nothing is sent
-        // before it was counted, since counting checks it. Records that contradict each other would otherwise
-        // be in a new file, under good checksums.
+        // A pipeline of two stages, which the empty batch at the end drains. Invariant: a segment
+        // is sent only after it was counted, since counting checks it. Otherwise inconsistent
+        // records could be in a new file, with valid checksums.
         let mut counts = LevelCounts::default();
         let mut ready = Vec::new();
         let codec = sink.codec();
@@ -108,7 +110,7 @@ impl<'a> SegmentCopy<'a> {
         made.into_iter().collect()
     }
 
-    /// Counts a segment, and makes the bytes that the tree with a header is to have of it.
+    /// Counts a segment, and returns its bytes for the tree with this header.
     fn ready_segment(&self, index: usize, header: &Header, codec: Codec) -> Result<ReadySegment<'a>> {
         let segment = self.file.segment(index)?;
         let counts = self.count_segment(index, &segment)?;
@@ -132,32 +134,34 @@ impl<'a> SegmentCopy<'a> {
         Ok(ReadySegment { counts, entry, bytes })
     }
 
-    /// The part of the tree that the ancestors are merged from, in a tree of this shape.
+    /// Returns the part that the node's ancestors are merged from, in a tree of this shape.
     pub(super) fn part(&self, representative: Value, shape: &Shape) -> Result<Part> {
         let segment = self.file.segment(self.own)?;
         let cut = shape.cut_level(shape.parent_segment_level(self.to.level()));
         let levels = cut.saturating_sub(self.to.level());
-        // Nobody else goes through these: counting turns to the deeper segments, where they stand again.
+        // Checked here, because counting skips these records: it counts the copies of them in
+        // deeper segments.
         let records = upper_levels(self.file.header().form, segment.records(), levels)
             .map_err(|BadSkip| self.file.bad_skip(&segment, 0))?;
         Ok(Part {
             code: self.to,
             child: Child::Inner { representative, node: () },
-            // Heavy enough that it keeps its segment, and so do its ancestors, whatever else is below them.
+            // Heavy enough that it and its ancestors keep their segments, whatever else is below
+            // them.
             total: ALWAYS_HEAVY,
             records,
             tally: self.file.zone(self.own)?,
         })
     }
 
-    /// Counts the nodes below a segment's records that no deeper segment has, at the levels that they get.
+    /// Counts the nodes below a segment's records that no deeper segment has, at their new levels.
     fn count_segment(&self, index: usize, segment: &Segment<'_>) -> Result<LevelCounts> {
         let (layout, shape) = (self.file.layout(), &self.file.header().shape);
         let records = segment.records();
         let mut counts = LevelCounts::default();
         let mut pending = vec![(segment.code(), RunNode::default())];
         while let Some((code, at)) = pending.pop() {
-            // Nodes below this level own no segments: all that is below is here.
+            // Nodes from this level on own no segments: their whole subtree is here.
             if code.level() >= shape.block_level() {
                 self.count_inline(segment, code, at, &mut counts)?;
                 continue;
@@ -168,7 +172,7 @@ impl<'a> SegmentCopy<'a> {
             let candidates = shape.is_candidate(code.level() + 1);
             let mut nodes = [0; 3];
             for (step, child) in children[..layout.children()].iter().enumerate() {
-                // Where the record of an INNER node is does not matter to what it is.
+                // CUT counts as INNER: the location of an INNER node's record does not matter.
                 nodes[usize::from(child.state.min(INNER))] += 1;
                 if child.state < INNER {
                     continue;
@@ -179,7 +183,7 @@ impl<'a> SegmentCopy<'a> {
                     // It is counted with its own segment.
                     Some(found) if found != index && self.file.entry(found)?.code == code => {}
                     _ if is_cut => return Err(self.file.bad_cut(code)),
-                    // It might own a segment and does not: it is inline.
+                    // It is a candidate without a segment of its own: its subtree is inline.
                     _ if candidates => self.count_inline(segment, code, place, &mut counts)?,
                     _ => pending.push((code, place)),
                 }
@@ -189,7 +193,7 @@ impl<'a> SegmentCopy<'a> {
         Ok(counts)
     }
 
-    /// Counts the nodes below one whose whole subtree is in a segment.
+    /// Counts the nodes below one whose whole subtree is in this segment.
     fn count_inline(
         &self,
         segment: &Segment<'_>,
@@ -199,7 +203,7 @@ impl<'a> SegmentCopy<'a> {
     ) -> Result<()> {
         let at = node.record as usize;
         let bad_skip = || self.file.bad_skip(segment, at);
-        // (What stands whole in a segment and might own one is no part of a dense block.)
+        // (A candidate whose whole subtree is in this segment is never inside a dense block.)
         if node.below > 0 {
             return Err(bad_skip());
         }
@@ -210,23 +214,23 @@ impl<'a> SegmentCopy<'a> {
         count_nodes(*layout, subtree, levels, self.new_level(code.level()), counts).map_err(|_| bad_skip())
     }
 
-    /// The level that nodes of a level get.
+    /// Returns the new level of nodes at a level.
     fn new_level(&self, level: u8) -> u8 {
         level + self.to.level() - self.from.level()
     }
 }
 
-/// The node that lies below `to` as `code` lies below `from`.
+/// Returns the node whose position below `to` is that of `code` below `from`.
 fn moved(code: Code, from: Code, to: Code) -> Code {
     (from.level()..code.level()).fold(to, |node, level| node.child(code.step(level)))
 }
 
-/// The segments of a node, the first of which has a number, and of what is below it, a node's before its
-/// ancestors', as building writes them.
+/// Returns the segments of a node, whose own segment is `first`, and of its descendants. A node's
+/// segment precedes its ancestors', the order in which the builder writes them.
 fn below(file: &Goblin, first: usize, code: Code) -> Result<Vec<usize>> {
     let mut order = Vec::new();
-    // From preorder, in which the directory is, to postorder: a node comes when the next one is not below it.
-    // The stack has those that may still have something below them:
+    // Converts preorder, the order of the segment index, to postorder: a node is added when the
+    // next one is not below it. The stack has the nodes that may still have descendants.
     let mut open: Vec<(usize, Code)> = Vec::new();
     for index in first..file.segments() {
         let next = file.entry(index)?.code;

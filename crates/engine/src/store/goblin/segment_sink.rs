@@ -1,4 +1,4 @@
-//! Where finished segments go.
+//! Sinks of finished segments.
 
 use std::path::Path;
 
@@ -9,31 +9,32 @@ use spinney_container::Codec;
 
 /// Receives the segments of a tree as they are finished, a node's before its ancestors'.
 pub(super) trait SegmentSink: Send {
-    /// The file, for messages.
+    /// Returns the file, for messages.
     fn path(&self) -> &Path;
 
-    /// The level down to which others merge what comes: parts of nodes there, or above, go to [`SegmentSink::top`]. None where a whole
-    /// tree is made.
+    /// Returns the level at which merging stops: parts of nodes at this level or above it go to
+    /// [`SegmentSink::top`]. `None` if a whole tree is built.
     fn stop(&self) -> Option<u8> {
         None
     }
 
-    /// Takes the part of a node that somebody else merges with its siblings.
+    /// Receives the part of a node that is merged with its siblings later.
     fn top(&mut self, _: Part) -> Result<()> {
         unreachable!("a whole tree has its root on top")
     }
 
-    /// The codec of the segments that come.
+    /// Returns the codec of the segments that it receives.
     fn codec(&self) -> Codec;
 
-    /// Takes one segment.
+    /// Receives one segment.
     fn segment(&mut self, segment: SealedSegment) -> Result<()>;
 
-    /// Makes sure that what it was given is on the disk, as far as it keeps it in the order in which it came.
+    /// Makes the received segments durable, except for those that are written later.
     fn sync(&mut self) -> Result<()> {
         Ok(())
     }
 
-    /// Takes the bytes of one segment of another file as they are to be written; the entry has the code it gets.
+    /// Receives the bytes of one segment of another file, to be written unchanged. The entry has
+    /// the new code.
     fn copy(&mut self, bytes: &[u8], entry: Entry) -> Result<()>;
 }

@@ -1,4 +1,4 @@
-//! Puts the shards of a file together: their segments one behind the other, then the crown and the directory.
+//! Merges the shards of a file: their segments in order, then the top levels and the segment index.
 
 use std::io::{Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -16,16 +16,18 @@ use spinney_container::{
     check_tree_name, create_tree_file,
 };
 
-/// Summary of a shard of trees of cells, and of one of its pieces.
+/// Summary of a shard of trees of cells, and of its run of one layer.
 type Summary = ShardSummary<LevelCounts>;
 type Piece = PieceSummary<LevelCounts>;
 
-/// The file that shards are put together to, and what becomes of their own.
+/// The file that shards are merged into, and whether the shards' files are removed.
 pub enum MergeOutput {
-    /// A file that appears in the end; shards stay.
+    /// A file that appears at its final path at the end; the shards' files are kept.
     Keep(Output),
-    /// A file that is [resumable](Output::resumable), and the bytes that are there of it: each run file is removed as soon as all of it is on the disk there,
-    /// so that there is room for one of both. Whoever is cut off goes on with the same output; what was removed is read from there, and checked.
+    /// A [resumable](Output::resumable) file, and the number of its bytes that already exist. Each
+    /// run file is removed as soon as all of its bytes are durable in the output, so that the disk
+    /// needs space for only one of both. An aborted merge is resumed with the same output: bytes of
+    /// removed run files are read from there, and checked.
     Remove(Output, u64),
 }
 
@@ -36,7 +38,8 @@ impl From<Output> for MergeOutput {
 }
 
 impl MergeOutput {
-    /// Starts a file at a path, with at most so many bytes if a number is given. Shards stay unless they are to be removed.
+    /// Starts a file at a path, optionally with a maximum size of `limit` bytes. The shards' files
+    /// are kept unless `removes` is set.
     ///
     /// # Errors
     /// Those of [`create_tree_file`] and [`Output::resumable`].
@@ -59,13 +62,14 @@ impl MergeOutput {
         Ok(MergeOutput::Remove(output.with_limit(limit).with_access(access), there))
     }
 
-    /// How the file is read and written.
+    /// Returns how the file is read and written.
     fn access(&self) -> &FileAccess {
         let (MergeOutput::Keep(output) | MergeOutput::Remove(output, _)) = self;
         output.access()
     }
 
-    /// The summaries of shards that are made, as far as a merge to this output can use them: some of their run files may be in the output already.
+    /// Returns the summaries of complete shards that a merge to this output can use: some of their
+    /// run files may already be in the output.
     ///
     /// # Errors
     /// Those of [`ShardSummary::find_all`].
@@ -76,7 +80,7 @@ impl MergeOutput {
         }
     }
 
-    /// Leaves nothing behind where nothing was written.
+    /// Removes the output if nothing was written.
     pub fn abandon(self) {
         if let MergeOutput::Remove(output, 0) = &self
             && let Some(path) = output.unfinished_path()
@@ -86,8 +90,9 @@ impl MergeOutput {
         }
     }
 
-    /// The job, by the mark of its shards, whose merge has put a file in its place, removing shards, and was cut off then; and the file that says
-    /// so, which is removed last. `None` if there is none.
+    /// Returns the job of a merge with removal of shards that moved the output to its final path
+    /// and was aborted then, and the mark file that records this, which is removed last. `None` if
+    /// there is none.
     ///
     /// # Errors
     /// If the file or its mark cannot be read.
@@ -105,17 +110,18 @@ impl MergeOutput {
         Ok(job.map(|job| (job, mark)))
     }
 
-    /// Makes sure that what is there of the file was begun by the same job, and marks it as this one's. Returns the mark, a file that is to be removed when the
-    /// output is in its place; nothing if shards stay.
+    /// Checks that existing bytes of the output are of the same job, and marks the output as this
+    /// job's. Returns the mark file, to be removed when the output is at its final path; `None` if
+    /// the shards' files are kept.
     ///
     /// # Errors
-    /// If it is that of another job, or nobody knows whose; if the mark cannot be read or written.
+    /// If the bytes are of another or an unknown job; if the mark cannot be read or written.
     pub fn claim(&mut self, job: u128) -> Result<Option<PathBuf>> {
         let MergeOutput::Remove(output, there) = self else { return Ok(None) };
         let Some(partial) = output.unfinished_path() else { return Ok(None) };
         let (mark, own) = (mark_of(partial), format!("{job:032x}"));
-        // Invariant: what another job has put into its file may be all that is left of its shards, and is not written over. So the mark is there before the
-        // first byte is.
+        // Invariant: bytes that another job has written to its output may be all that is left of
+        // its shards, and are never overwritten. So the mark is written before the first byte.
         if *there == 0 {
             let mut file = output.access().create(&mark)?;
             file.write_all(own.as_bytes()).map_err(Error::io(&mark, "write"))?;
@@ -134,20 +140,22 @@ impl MergeOutput {
     }
 }
 
-/// The file that says which job has begun a file that is not in its place yet, and then that it is whole.
+/// Returns the mark file, which records the job of an unfinished output, and later that the output
+/// is complete.
 fn mark_of(partial: &Path) -> PathBuf {
     let mut mark = partial.as_os_str().to_owned();
     mark.push(".job");
     mark.into()
 }
 
-/// Puts a file together whose shards are all made: the bytes are those of a file that was built in one go. `head` is the file that tells of
-/// its layers. Segments are checked and copied; about `memory` bytes hold the directory before it goes to temporary files.
-/// Progress counts bytes.
+/// Merges complete shards: the output is byte-identical to a file that was built in a single
+/// process. `head` is the file with headers and metadata of the layers. Segments are checked and
+/// copied. The segment index uses about `memory` bytes before it goes to temporary files. Progress
+/// counts bytes.
 ///
 /// # Errors
-/// If a shard is missing, damaged or of another job, if shards leave gaps or overlap, or if the output cannot be written; on
-/// interruption. There is no output then.
+/// If a shard is missing, corrupt or of another job, if shards leave gaps or overlap, if the output
+/// cannot be written, or on cancellation. There is no output then.
 ///
 /// `head` is read with the access of the shards.
 pub fn merge_shards(
@@ -175,8 +183,9 @@ pub fn merge_shards(
     for (number, (header, metadata)) in (0..).zip(&layers) {
         let pieces: Vec<_> =
             shards.iter().zip(&summaries).filter_map(|both| find_piece(both, number)).collect();
-        // Invariant: runs cut the space at the crown's level, and a layer's segments below it stand in the order of codes. So the runs of all shards, one
-        // behind the other, are those of a file that was built in one go, and all that is left to make is what stands above.
+        // Invariant: runs are cut at `crown_level`, and a layer's segments below it are stored in
+        // the order of codes. So the concatenated runs of all shards are those of a file that was
+        // built in a single process, and only the levels above remain to be built.
         check_cover(head, number, &mut pieces.iter().map(|(_, _, piece)| piece.piece.run))?;
         let mut position = out.position();
         out.merged_layer(header, metadata, memory, &mut |builder| {
@@ -188,7 +197,8 @@ pub fn merge_shards(
                 counts.merge(&checked_counts(summary, piece, header)?);
                 position += piece.run_bytes;
                 if there.is_some() && piece.run_bytes > 0 {
-                    // Invariant: each byte of a shard is on the disk in one of both files at least, whenever the process or the machine ends.
+                    // Invariant: each byte of a shard is durable in at least one of both files,
+                    // whenever the process or the machine fails.
                     builder.sync()?;
                     shard.access.remove(&[&path])?;
                 }
@@ -199,7 +209,7 @@ pub fn merge_shards(
     out.finish()
 }
 
-/// A piece of a layer: the shard that it is in, and what is known of it.
+/// A shard's run of a layer: the shard, its summary, and the summary of the run.
 type Found<'a> = (&'a Shard, &'a Summary, &'a Piece);
 
 fn find_piece<'a>((shard, summary): (&'a Shard, &'a Summary), layer: u32) -> Option<Found<'a>> {
@@ -213,7 +223,7 @@ fn find_summaries(shards: &[Shard], output: &MergeOutput) -> Result<Vec<Summary>
     found.collect()
 }
 
-/// The nodes that a piece has counted.
+/// Checks and returns the node counts of a shard's run.
 fn checked_counts(summary: &Summary, piece: &Piece, header: &Header) -> Result<LevelCounts> {
     let (run, crown) = (piece.piece.run, header.shape.crown_level());
     for (level, nodes) in (0..).zip(piece.totals.levels()) {
@@ -235,7 +245,7 @@ fn checked_counts(summary: &Summary, piece: &Piece, header: &Header) -> Result<L
     Ok(piece.totals.clone())
 }
 
-/// Copies the segments of a piece, and hands its parts over.
+/// Copies the segments of a shard's run, and pushes its parts.
 fn copy_piece(
     place: RunPlace<'_>,
     (summary, piece, header): (&Summary, &Piece, &Header),
@@ -273,13 +283,14 @@ fn copy_piece(
     Ok(())
 }
 
-/// A file that is being put together, and what it has from an earlier try.
+/// An output that is being merged, and the number of its bytes from an earlier attempt.
 struct Partial {
     path: PathBuf,
     bytes: u64,
 }
 
-/// The place of a run of segments: a file of its own, or, where that is removed, the file that is put together, from a byte on.
+/// Location of a run of segments: a file of its own, or, if that was removed, the output from a
+/// position on.
 #[derive(Clone, Copy)]
 struct RunPlace<'a> {
     path: &'a Path,
@@ -288,7 +299,7 @@ struct RunPlace<'a> {
     access: &'a FileAccess,
 }
 
-/// Opens the segments of a piece, which take `length` bytes.
+/// Opens the segments of a shard's run, which have `length` bytes.
 fn open_run(RunPlace { path, position, partial, access }: RunPlace<'_>, length: u64) -> Result<RunFile> {
     if let Some(partial) = partial
         && access.find(path)?.is_none()

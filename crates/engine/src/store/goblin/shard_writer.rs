@@ -1,4 +1,5 @@
-//! Writes a shard of a file: the segments of its pieces to run files, and everything else that merging needs to a shard summary.
+//! Writes a shard of a file: segments to a run file per layer, and everything else that merging
+//! needs to a shard summary.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -16,36 +17,37 @@ use spinney_base::space::CodeRun;
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, LevelCounts, Metadata, Shard, ShardPiece, SummaryWriter};
 
-/// A shard being written. It is made when [`ShardWriter::finish`] returns; until then nobody takes what is there for it.
+/// A shard that is being written. It is complete when [`ShardWriter::finish`] returns; files of
+/// incomplete shards are ignored.
 pub(in crate::store) struct ShardWriter {
     shard: Shard,
-    /// The file with the planned layers, of which nothing is there but what is told of them.
+    /// The file with the planned layers, which has only their headers and metadata.
     head: PathBuf,
     /// Headers and metadata of these layers.
     planned: Vec<(Header, Metadata)>,
     summary: SummaryWriter<LevelCounts>,
-    /// Number of the layer that comes next.
+    /// Index of the next layer.
     next: u32,
 }
 
 impl ShardWriter {
-    /// Starts a shard of the file whose layers another one, without any cells, tells of.
+    /// Starts a shard of the file whose layers `head`, a file without cells, describes.
     pub(in crate::store) fn new(head: &Goblin, shard: Shard) -> Result<ShardWriter> {
         let (planned, summary) = (planned_layers(head)?, SummaryWriter::new(&shard)?);
         Ok(ShardWriter { shard, head: head.path().to_path_buf(), planned, summary, next: 0 })
     }
 
-    /// Whether it has no part of any layer.
+    /// Returns whether the shard has no cells of any layer.
     pub(in crate::store) fn is_empty(&self) -> bool {
         self.shard.pieces.is_empty()
     }
 
-    /// The run of the next layer that the shard has, if it has something of it.
+    /// Returns the shard's run of the next layer, if it has one.
     pub(in crate::store) fn run(&self) -> Option<CodeRun> {
         self.shard.piece(self.next).map(|piece| piece.run)
     }
 
-    /// Makes the piece of the next layer of parts that `fill` hands over, if there is one.
+    /// Writes the shard's run of the next layer, if it has one, from the parts that `fill` pushes.
     pub(in crate::store) fn layer(
         &mut self,
         options: &BuildOptions,
@@ -58,7 +60,7 @@ impl ShardWriter {
         self.next += 1;
         let mut metadata = options.metadata.clone();
         complete(&mut metadata);
-        // (Who has the planned metadata in his hands has them complete.)
+        // (Callers that pass the planned metadata have already completed them.)
         self.check_planned(layer, header, &[&metadata, &options.metadata])?;
         let Some(piece) = self.shard.piece(layer).copied() else { return Ok(()) };
         let run = self.shard.run_path(layer);
@@ -75,9 +77,9 @@ impl ShardWriter {
         self.summary.end(bytes, counts)
     }
 
-    /// Makes sure that a layer is what was planned, but for where its inputs are.
+    /// Checks that a layer is as planned, except for the paths of its inputs.
     fn check_planned(&self, layer: u32, header: &Header, metadata: &[&Metadata]) -> Result<()> {
-        // (As bytes, in which numbers that are none are like themselves.)
+        // (Compared as bytes, because NaN is not equal to itself.)
         let told = |metadata: &Metadata| -> Result<(String, Vec<u8>)> {
             let counts = Default::default();
             let alike = Metadata { counts, provenance: Vec::new(), ..metadata.clone() };
@@ -99,13 +101,13 @@ impl ShardWriter {
         Err(Error::PlanMismatch { path: self.head.clone(), found, expected, advice })
     }
 
-    /// Says that the shard is made.
+    /// Marks the shard as complete.
     pub(in crate::store) fn finish(self) -> Result<()> {
         self.summary.finish()
     }
 }
 
-/// A layer in a few words, for messages.
+/// Describes a layer for messages.
 fn described(header: &Header) -> String {
     let [x, y, z] = header.extent;
     let Header { form, rule, kind, codec, .. } = header;
@@ -113,7 +115,7 @@ fn described(header: &Header) -> String {
     format!("{x} x {y} x {z} cells of {} in {depth} levels, {kind}, {rule}, {}", form.value, codec.name())
 }
 
-/// Header and metadata of each layer of a file.
+/// Returns header and metadata of each layer of a file.
 pub(super) fn planned_layers(head: &Goblin) -> Result<Vec<(Header, Metadata)>> {
     let layer = |number| {
         let layer = head.open_layer(number)?;
@@ -122,7 +124,8 @@ pub(super) fn planned_layers(head: &Goblin) -> Result<Vec<(Header, Metadata)>> {
     (0..head.layers().len()).map(layer).collect()
 }
 
-/// Where the segments of a piece go: one behind the other to a run file, which appears when there is one.
+/// Writes the segments of a shard's run consecutively to a run file, which is created with the
+/// first segment.
 struct PieceWriter<'l> {
     path: PathBuf,
     out: Option<Output>,
@@ -130,7 +133,7 @@ struct PieceWriter<'l> {
     header: Header,
     /// Bytes so far.
     position: u64,
-    /// The last segment, by the order of the file.
+    /// File order of the last segment.
     last: u64,
     entries: PendingEntries,
     summary: &'l mut SummaryWriter<LevelCounts>,
@@ -159,8 +162,8 @@ impl<'l> PieceWriter<'l> {
     fn put(&mut self, parts: [&[u8]; 2], entry: Entry) -> Result<()> {
         let crown = self.header.shape.crown_level();
         let order = file_order(entry.code, crown);
-        // Invariant: segments come in the order of the file, and none is the crown's, so that those of all shards stand in the
-        // file as they stand in run files, one shard's behind the other's. Whoever puts the file together only moves them.
+        // Invariant: segments arrive in file order, and none is of the top levels. So the merged
+        // file has them in the order of the run files, shard by shard, and merging only moves them.
         debug_assert!(entry.code.level() >= crown && self.piece.run.contains(entry.code));
         debug_assert!(self.position == 0 || self.last < order, "segments come in the order of the file");
         self.last = order;
@@ -176,7 +179,7 @@ impl<'l> PieceWriter<'l> {
         Ok(())
     }
 
-    /// Puts the file in its place, and tells how many bytes it has.
+    /// Moves the run file to its final path, and returns its size in bytes.
     fn finish(mut self) -> Result<u64> {
         self.entries.write(self.summary, self.header.form.value)?;
         self.out.map_or(Ok(()), Output::commit)?;
@@ -194,7 +197,7 @@ impl SegmentSink for PieceWriter<'_> {
     }
 
     fn top(&mut self, part: Part) -> Result<()> {
-        // (What is outside of the extent is VOID without being told.)
+        // (Nodes outside of the extent are known to be VOID and are not stored.)
         if !has_cells(part.code, &self.header) && !part.child.is_inner() && part.tally.cells == 0 {
             return Ok(());
         }

@@ -1,30 +1,31 @@
-//! Bytes of segments, as the directory tells them.
+//! Sizes of segments, according to the segment index.
 
 use super::directory::SegmentLocation;
 use super::reader::Goblin;
 use spinney_base::Result;
 use spinney_base::space::Code;
 
-/// The segments of nodes of a level.
+/// The segments of nodes at a level.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct LevelBytes {
     /// The level.
     pub level: u8,
     /// Number of segments.
     pub segments: u64,
-    /// Number of those that are packed.
+    /// Number of packed segments.
     pub packed: u64,
-    /// Bytes of all of them in the file.
+    /// Size of all segments in the file, in bytes.
     pub bytes: u64,
-    /// Bytes that they have when they are unpacked.
+    /// Size of all segments when unpacked, in bytes.
     pub plain: u64,
 }
 
 impl Goblin {
-    /// The bytes of all segments by the levels of their nodes, from the root down. No segment is read, but all of the directory.
+    /// Returns the sizes of all segments by the level of their nodes, from the root down. Reads the
+    /// whole segment index, but no segment.
     ///
     /// # Errors
-    /// If a page of the directory is damaged.
+    /// If a page of the segment index is corrupt.
     pub fn level_bytes(&self) -> Result<Vec<LevelBytes>> {
         let mut levels: Vec<LevelBytes> = Vec::new();
         for index in 0..self.segments() {

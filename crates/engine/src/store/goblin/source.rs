@@ -1,4 +1,4 @@
-//! Walking a file: its nodes as a source, and as something whose segments can be copied.
+//! A file's nodes as a source, and as nodes whose segments can be copied.
 
 use super::reader::Goblin;
 use crate::store::builder::{RecordFile, ReusableSource, StoredNode, Subtree};
@@ -16,13 +16,13 @@ use spinney_container::{CUT, Header, LEAF, VOID};
 pub struct GoblinNode {
     /// The node.
     pub code: Code,
-    /// The number of the segment with its record.
+    /// Index of the segment with its record.
     pub segment: u32,
-    /// Its record there, or its place in a dense block.
+    /// Its record in the segment, or its position in a dense block.
     pub(crate) place: RunNode,
 }
 
-/// A walk goes through every node's own segment, so it never meets a cut.
+/// A traversal switches to each node's own segment, so it never reaches a CUT.
 impl Source for Goblin {
     type Node = GoblinNode;
 
@@ -60,8 +60,8 @@ impl Source for Goblin {
 }
 
 impl Goblin {
-    /// Writes the children of an inner node as nodes of something that stands on this file: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    /// Writes the children of an INNER node as nodes of another type, which `node_of` makes. Does
+    /// the same as [`Source::children`], without a second array for sources that wrap this file.
     pub(crate) fn children_with<N>(
         &self,
         node: &GoblinNode,
@@ -92,7 +92,7 @@ impl Goblin {
                     let own = if candidates { self.find_segment(code) } else { Ok(None) };
                     let Some(own) = defer_missing(own, &mut is_unread)? else { continue };
                     let node = match own {
-                        // What is found may be the segment of an ancestor.
+                        // The segment found may be that of an ancestor.
                         Some(own) if own != segment.index() && self.segment_code(own)? == Some(code) => {
                             GoblinNode { code, segment: own as u32, place: RunNode::default() }
                         }
@@ -106,7 +106,8 @@ impl Goblin {
         finish_deferred(is_unread)
     }
 
-    /// The cells below a node that is a dense block down to the cells, which are so many levels below it.
+    /// Returns the cells below a node that is a dense block down to the cells, which are `levels`
+    /// levels below it.
     fn dense_cells(&self, node: &GoblinNode, levels: u8) -> Result<Option<CellBlock>> {
         if node.code.level() + levels != self.header.depth() {
             return Ok(None);
@@ -121,7 +122,7 @@ impl ReusableSource for Goblin {
     fn stored(&self, node: &GoblinNode) -> Option<StoredNode<'_>> {
         let GoblinNode { code, segment, place } = *node;
         let height = self.header.depth() - code.level();
-        // (Part of a dense block is no run of its own.)
+        // (A node inside a dense block is not a run of its own.)
         (place.below == 0).then_some(StoredNode {
             file: self,
             height,
@@ -139,8 +140,9 @@ impl RecordFile for Goblin {
     fn subtree(&self, run: u64, record: u32) -> Result<Subtree<'_>> {
         let segment = self.segment(run as usize)?;
         let (records, at) = (segment.records(), record as usize);
-        // None at all if the node's own record lies: who takes the records over then goes the usual way,
-        // which tells what is wrong. Class counts stand behind the records and must not pass for some.
+        // Empty if the node's own record is inconsistent. Code that copies records then falls back
+        // to a node-by-node traversal, which reports the error. Class counts follow the records and
+        // must not be taken for records.
         let skip = self.layout.head(records, at).map_or(0, |head| head.skip);
         let length = self.layout.subtree(records, at, skip).map_or(0, <[u8]>::len);
         let start = at * self.layout.size;

@@ -23,10 +23,11 @@ use spinney_packing::{Damage, SegmentForm, may_unpack, pack, unpack};
 /// The first byte of entries, and of a part.
 const SEGMENTS: u8 = 1;
 const TOP: u8 = 2;
-/// Bytes of the number of cells of a class.
+/// Size in bytes of a class's number of cells.
 const CELLS: usize = 8;
 
-/// The start of a part. An entry follows that has its code and the tally, then class counts, then records.
+/// The start of a part. Then follow an entry with its code and statistics, class counts, and
+/// records.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawPart {
@@ -35,21 +36,21 @@ struct RawPart {
     state: u8,
     zero: [u8; 3],
     classes: U32,
-    /// Bytes of the records.
+    /// Size of the records in bytes.
     records: U64,
-    /// Bytes that stand here for them: fewer if they are packed.
+    /// Size of the records as stored, in bytes: smaller if they are packed.
     stored: U64,
 }
 
-/// News of a piece for whoever puts a file together, in the order of the file.
+/// An item of a shard's run of a layer, in file order.
 pub(super) enum Item {
     /// The next segment of the run file.
     Segment(Entry),
-    /// The part of a node that is merged with its siblings, whose segments have come.
+    /// The part of a node that is merged with its siblings; its segments precede it.
     Top(Part),
 }
 
-/// Start of some entries of segments, which are packed unless that takes more bytes.
+/// The start of several entries of segments, which are packed unless that is larger.
 #[derive(FromBytes, IntoBytes, Immutable, KnownLayout, Unaligned)]
 #[repr(C)]
 struct RawEntries {
@@ -57,12 +58,12 @@ struct RawEntries {
     stored: U32,
 }
 
-/// Entries of segments of a run file that a shard summary stores together.
+/// Entries of a run file's segments that a shard summary stores together.
 #[derive(Default)]
 pub(super) struct PendingEntries(Vec<u8>);
 
 impl PendingEntries {
-    /// Takes the next one. Its offset is where the one before ends, and is not written.
+    /// Adds the next entry. Its offset is the end of the previous segment, and is not stored.
     pub(super) fn push(&mut self, summary: &mut SummaryWriter<LevelCounts>, entry: Entry) -> Result<()> {
         let value_type = entry.zone.value_type;
         self.0.extend_from_slice(&Entry { offset: 0, ..entry }.to_bytes());
@@ -73,7 +74,7 @@ impl PendingEntries {
         }
     }
 
-    /// Writes those that came.
+    /// Writes the entries added so far.
     pub(super) fn write(
         &mut self,
         summary: &mut SummaryWriter<LevelCounts>,
@@ -91,7 +92,8 @@ impl PendingEntries {
     }
 }
 
-/// The meaning of a part's records: those of a segment that reaches as far down as the next coarser segments do.
+/// Returns the description of a part's records that packing needs: those of a segment that reaches
+/// as deep as the next coarser segments do.
 fn form_of(header: &Header, node: Code) -> SegmentForm {
     let Header { form, rule, kind, shape, .. } = *header;
     SegmentForm {
@@ -103,12 +105,14 @@ fn form_of(header: &Header, node: Code) -> SegmentForm {
     }
 }
 
-/// Levels that the segments above a node at a level have of it at most, unless they have all.
+/// Returns the maximum number of levels that segments above a node have of it, if they do not have
+/// all.
 fn wanted_levels(shape: &Shape, level: u8) -> u8 {
     shape.cut_level(shape.parent_segment_level(level)).saturating_sub(level)
 }
 
-/// Writes the part of a node. Its records are packed, whatever the codec of the file: they are a large share of a summary.
+/// Writes the part of a node. Its records are packed, whatever the codec of the file, because they
+/// are a large fraction of a summary.
 pub(super) fn write_top(
     summary: &mut SummaryWriter<LevelCounts>,
     part: &Part,
@@ -140,26 +144,26 @@ pub(super) fn write_top(
     summary.write(stored)
 }
 
-/// Reads the entries and parts of a piece, and checks each.
+/// Reads the entries and parts of a shard's run of a layer, and checks each.
 pub(super) struct Items<'h> {
     header: &'h Header,
     bytes: SummaryBytes,
     run: CodeRun,
     run_bytes: u64,
-    /// Bytes of the segments so far.
+    /// Size of the segments so far, in bytes.
     position: u64,
-    /// The last segment, by the order of the file.
+    /// File order of the last segment.
     last_segment: Option<u64>,
-    /// The last number of a code below the last part.
+    /// The last code below the last part's node.
     last_top: Option<u64>,
-    /// Entries so far, for messages.
+    /// Number of entries so far, for messages.
     count: usize,
-    /// Entries that were unpacked and have not been handed out.
+    /// Unpacked entries that have not been returned yet.
     unpacked: VecDeque<Entry>,
 }
 
 impl<'h> Items<'h> {
-    /// Those of a piece of a layer with a header.
+    /// Returns the items of a shard's run of a layer with this header.
     pub(super) fn of(
         summary: &ShardSummary<LevelCounts>,
         piece: &PieceSummary<LevelCounts>,
@@ -171,10 +175,10 @@ impl<'h> Items<'h> {
         Ok(Items { header, bytes, run, run_bytes, position: 0, last_segment, last_top, count: 0, unpacked })
     }
 
-    /// The next one; nothing behind the last.
+    /// Returns the next item; `None` after the last.
     ///
     /// # Errors
-    /// If there is something else, or it cannot be that of this piece.
+    /// If the bytes are no valid item, or the item cannot be one of this run.
     pub(super) fn next(&mut self) -> Result<Option<Item>> {
         loop {
             if let Some(entry) = self.unpacked.pop_front() {
@@ -202,7 +206,7 @@ impl<'h> Items<'h> {
         Entry::from_bytes(self.bytes.path(), self.count - 1, bytes, self.header.form)
     }
 
-    /// Takes some entries, to be handed out one by one.
+    /// Reads several entries, which are returned one by one.
     fn unpack_entries(&mut self) -> Result<()> {
         let raw: RawEntries = zerocopy::transmute!(self.bytes.array::<{ size_of::<RawEntries>() }>()?);
         let (count, value_type) = (raw.count.get() as usize, self.header.form.value);
@@ -225,7 +229,7 @@ impl<'h> Items<'h> {
         Ok(())
     }
 
-    /// Checks the next entry, and tells where its segment is.
+    /// Checks the next entry, and sets its segment's offset.
     fn segment(&mut self, entry: Entry) -> Result<Entry> {
         let shape = &self.header.shape;
         let order = file_order(entry.code, shape.crown_level());
@@ -272,7 +276,7 @@ impl<'h> Items<'h> {
         Ok(part)
     }
 
-    /// So many bytes of a part's records, from what stands for them.
+    /// Returns `length` bytes of a part's records from the stored bytes.
     fn records_of(&self, code: Code, length: u64, stored: Vec<u8>) -> Result<Vec<u8>> {
         if length == stored.len() as u64 {
             return Ok(stored);
@@ -289,7 +293,7 @@ impl<'h> Items<'h> {
         })
     }
 
-    /// Whether the next part may be that of a node.
+    /// Checks whether the next part may be that of this node.
     fn check_place(&self, code: Code, state: NodeState) -> Result<(), &'static str> {
         let shape = &self.header.shape;
         let crown = shape.crown_level();
@@ -299,7 +303,8 @@ impl<'h> Items<'h> {
         if self.last_top.is_some_and(|last| code.bits() <= last) {
             return Err("a place before the last one's end");
         }
-        // Invariant: parts above the crown's level are those of uniform nodes, since a shard merges none above it.
+        // Invariant: parts above `crown_level` are those of uniform nodes, since a shard merges
+        // nothing above it.
         if code.level() > crown || code.level() < crown && state == NodeState::Inner {
             return Err("another level than that of the crown");
         }
@@ -331,7 +336,7 @@ impl<'h> Items<'h> {
     }
 }
 
-/// Whether a node has cells within the extent.
+/// Returns whether a node has cells within the extent.
 pub(super) fn has_cells(code: Code, header: &Header) -> bool {
     let (cells, extent) = (code.bounds(header.depth()), Bounds::picture(header.extent));
     (0..3).all(|axis| cells.min[axis] < extent.max[axis])
@@ -342,7 +347,7 @@ fn class_of(class: &[u8], width: usize) -> (Value, u64) {
     (Value::from_bytes(value), u64::from_le_bytes(cells.try_into().expect("8 bytes")))
 }
 
-/// Whether these can be the classes of a zone.
+/// Returns whether these can be the classes of a zone.
 fn are_classes(classes: &[(Value, u64)], zone: &ZoneStats, are_counted: bool) -> bool {
     let order = |value_type: ValueType, pair: &[(Value, u64)]| value_type.order(pair[0].0, pair[1].0).is_lt();
     let ascend = classes.windows(2).all(|pair| order(zone.value_type, pair));
@@ -350,7 +355,8 @@ fn are_classes(classes: &[(Value, u64)], zone: &ZoneStats, are_counted: bool) ->
     classes.is_empty() || are_counted && ascend && sum == Some(zone.cells)
 }
 
-/// Whether the records of a part are those of the upper levels of an INNER node, as its ancestors' segments need them.
+/// Returns whether the records of a part are those of an INNER node's upper levels, as its
+/// ancestors' segments need them.
 fn are_records(part: &Part, header: &Header) -> bool {
     let (level, shape) = (part.code.level(), &header.shape);
     if level == 0 {
@@ -367,7 +373,7 @@ fn are_records(part: &Part, header: &Header) -> bool {
         && can_be_walked(&layout, &part.records, shape.depth - level)
 }
 
-/// Whether records lead from one to the other down to so many levels at most, and there are no others.
+/// Returns whether all records are reachable from the first one, within at most `levels` levels.
 fn can_be_walked(layout: &RecordLayout, records: &[u8], levels: u8) -> bool {
     let mut pending = vec![(RunNode::default(), levels)];
     let mut children = RunChildren::default();

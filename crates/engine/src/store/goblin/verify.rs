@@ -1,7 +1,7 @@
 //! Verifies a whole file: every checksum, and every rule of the tree.
 //!
-//! Building is deterministic, so the rules need no second statement: the tree is walked, built anew, and
-//! every segment compared with the one in the file. What differs is told.
+//! Building is deterministic, so the rules are not implemented a second time: the tree is traversed
+//! and rebuilt, and every segment is compared with the one in the file. Differences are reported.
 
 use std::path::Path;
 
@@ -17,13 +17,14 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{Codec, Finding, MAX_FINDINGS};
 
 impl Goblin {
-    /// Checks all layers of the file: every checksum and every rule of their trees: preorder, skips that add up, representatives and
-    /// zone statistics that agree with the leaves, no uniform INNER node, every segment there that must be,
-    /// none that must not. Takes about as long as building; memory is bounded by `memory`.
+    /// Checks all layers of the file: every checksum and every rule of their trees: preorder,
+    /// consistent skips, representatives and zone statistics that agree with the leaves, no uniform
+    /// INNER node, no missing and no superfluous segment. Takes about as long as building; memory
+    /// is bounded by `memory`.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption. What is wrong with the file is no error but a finding;
-    /// at most 100 are collected.
+    /// If the file cannot be read, or on cancellation. A problem of the file's contents is not an
+    /// error but a finding; at most 100 are collected.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let count = self.layers().len();
         if count == 1 {
@@ -54,7 +55,8 @@ impl Goblin {
         let mut checker = Checker { file: self, findings: Vec::new(), seen: 0, records: 0 };
         checker.checksums()?;
         checker.directory()?;
-        // A tree with bytes that are known to be wrong would only say so again, at length.
+        // Rebuilding a tree from bytes known to be corrupt would only repeat the findings, at
+        // length.
         if !checker.findings.is_empty() {
             return Ok(checker.findings);
         }
@@ -89,13 +91,13 @@ impl Goblin {
     }
 }
 
-/// Compares a file with what its tree makes anew.
+/// Compares a file with its rebuilt tree.
 struct Checker<'a> {
     file: &'a Goblin,
     findings: Vec<Finding>,
-    /// Segments of the file that the tree needs.
+    /// Number of the file's segments that the tree needs.
     seen: usize,
-    /// Records in those.
+    /// Number of record slots in those segments.
     records: u64,
 }
 
@@ -123,7 +125,7 @@ impl Checker<'_> {
     /// Checks the order of the entries, and that of the segments in the file.
     fn directory(&mut self) -> Result<()> {
         let mut before = None;
-        // Entries of the nodes above the next one, by level.
+        // Entries of the next entry's ancestors.
         let mut open: Vec<(usize, Entry)> = Vec::new();
         let crown_level = self.file.header().shape.crown_level();
         let mut places = [0, self.file.layer().crown];
@@ -158,8 +160,8 @@ impl Checker<'_> {
         Ok(())
     }
 
-    /// Checks that a segment stands behind the one that comes before it: those of a subtree before its own, the crown's behind all
-    /// others.
+    /// Checks that a segment starts where the previous one ends. The segments of a subtree precede
+    /// its root's, and those of the top levels follow all others.
     fn place(&mut self, entry: &Entry, crown_level: u8, places: &mut [u64; 2]) {
         let place = &mut places[usize::from(entry.code.level() < crown_level)];
         if entry.offset != *place {
@@ -169,7 +171,7 @@ impl Checker<'_> {
         *place = entry.offset.saturating_add(entry.length);
     }
 
-    /// The record with a number among those of a segment, as text.
+    /// Formats one record of a segment.
     fn show_record(&self, records: &[u8], at: usize) -> String {
         let layout = self.file.layout();
         let Some(head) = layout.head(records, at) else { return "nothing".into() };
@@ -179,13 +181,13 @@ impl Checker<'_> {
     }
 }
 
-/// Takes the segments as they should be.
+/// Receives the rebuilt segments and compares them.
 impl SegmentSink for Checker<'_> {
     fn path(&self) -> &Path {
         self.file.path()
     }
 
-    // (What is compared is what segments become when they are unpacked.)
+    // (Segments are compared unpacked.)
     fn codec(&self) -> Codec {
         Codec::Plain
     }
@@ -224,8 +226,8 @@ impl SegmentSink for Checker<'_> {
     }
 }
 
-/// Whether the tally of a file is what another one of the same type of values is on disk: sums that are not a number are one like
-/// the other, zeros of different signs are not.
+/// Returns whether the statistics of a file equal others of the same value type as stored on disk:
+/// NaN sums are equal, zeros of different signs are not.
 fn are_same(a: &ZoneStats, b: &ZoneStats) -> bool {
     let channels = 0..usize::from(a.value_type.channels);
     let bytes_of = |sums: &Sums| {
@@ -242,7 +244,7 @@ fn are_same(a: &ZoneStats, b: &ZoneStats) -> bool {
         && a.classes == *b.listed_classes().unwrap_or_default()
 }
 
-/// A node as text, without what is below it.
+/// Formats a node without its descendants.
 fn show_child(value_type: ValueType, child: Child<()>) -> String {
     match child {
         Child::Void => "Void".into(),
@@ -253,7 +255,7 @@ fn show_child(value_type: ValueType, child: Child<()>) -> String {
     }
 }
 
-/// Statistics as text.
+/// Formats statistics.
 fn show_tally(tally: &ZoneStats) -> String {
     let ZoneStats { value_type, cells, present, min, max, sum, squares, classes } = tally;
     let [min, max] = [min, max].map(|value| value_type.show(*value));

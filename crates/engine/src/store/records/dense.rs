@@ -1,11 +1,12 @@
-//! Dense blocks: nodes whose subtree stands as rows of values instead of records.
+//! Dense blocks: nodes whose subtree is stored as rows of values instead of records.
 //!
-//! Where no two cells are alike, a tree spends a record on every four (or eight) of them. A node a few levels above the
-//! bottom of what its segment has can be stored as a *dense block* instead: its record as usual, with a mark, then the
-//! representatives of the inner levels and the values of the bottom level, level by level in rows, without states
-//! and skips: what the leaves of OpenVDB are, in the way of a tree with levels of detail. The bottom nodes all have one
-//! state, or one of two, which a bit each tells then. States further up follow from those: nodes are uniform where all
-//! values below are the same.
+//! Where no two cells are alike, a tree needs a record for every four (or eight) of them. A node a
+//! few levels above the bottom of its segment can be stored as a *dense block* instead: its record
+//! as usual, with a mark, then the representatives of the inner levels and the values of the bottom
+//! level, level by level in rows, without states and skips. This corresponds to the leaf nodes of
+//! OpenVDB, but with levels of detail. The bottom nodes all have one state, or one of two, with a
+//! mask of one bit per node. States above follow from these: a node is uniform if all values below
+//! are equal.
 
 use std::marker::PhantomData;
 
@@ -17,8 +18,8 @@ use spinney_base::space::Dimension;
 pub(crate) use spinney_container::DenseBlock;
 use spinney_container::{DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
-/// [`RecordLayout::dense_places`] by whether there is a mask, and by levels, for a type of records: so that no size of a block is
-/// computed while blocks are read.
+/// [`RecordLayout::dense_places`] by presence of a mask and by levels, for a record type, so that
+/// readers do not compute the sizes of blocks.
 struct DensePlaces<R>(PhantomData<R>);
 
 impl<R: Record> DensePlaces<R> {
@@ -39,34 +40,36 @@ impl<R: Record> DensePlaces<R> {
     };
 }
 
-/// The dense block whose record has a number, which must be there; `None` if it is none, or not a whole one.
+/// Returns the dense block whose record has index `at`, which must exist; `None` if it is not a
+/// dense block, or an incomplete one.
 pub(crate) fn dense_block<R: Record>(records: &[R], at: usize) -> Option<DenseBlock<'_>> {
     let head = records[at].head();
     let kind = DenseKind::from_number(head.dense)?;
-    // (What cannot be is 0.)
+    // (The table has 0 for impossible numbers of levels.)
     let table = &DensePlaces::<R>::TABLE[usize::from(kind.has_mask())];
     let levels = table.iter().position(|places| *places > 0 && *places + 1 == head.skip)? as u8;
     let bytes = records.get(at..at + head.skip as usize)?.as_bytes();
     Some(DenseBlock::new(R::RECORD_LAYOUT, kind, levels, bytes))
 }
 
-/// Dense blocks, whose values are of a width that is known.
+/// Access to dense blocks whose value width is known at compile time.
 pub(crate) trait DenseRows<'r> {
-    /// [`DenseBlock::values`] of a width that is known.
+    /// [`DenseBlock::values`] with a width known at compile time.
     fn values_of<R: Record>(&self, level: u8) -> &'r [R::Bytes];
 
-    /// Shows the values of those bottom nodes that are LEAFs in a box: the first place, and places along each axis. (By a
-    /// pointer: what is done with them is compiled for very many types.)
+    /// Passes the values of the LEAFs among the bottom nodes in a box to `leaf`. The box is given
+    /// by its first position and its size along each axis. (Dynamic dispatch, because visitors are
+    /// compiled for very many types.)
     fn each_leaf_in<R: Record>(&self, part: ([usize; 3], [usize; 3]), leaf: &mut dyn FnMut(R::Bytes));
 
-    /// Shows the values of all bottom nodes in a box, row by row, whatever their states.
+    /// Passes the values of all bottom nodes in a box to `show`, row by row, whatever their states.
     fn rows_in<R: Record>(&self, part: ([usize; 3], [usize; 3]), show: &mut impl FnMut(&[R::Bytes]));
 
-    /// The bottom nodes as cells; `None` if some of them are cut off.
+    /// Returns the bottom nodes as cells; `None` if some of them are CUT.
     fn cells(&self) -> Option<CellBlock>;
 
-    /// The states of all nodes below the root: of a level those that [`DenseStates::level`] has. Nodes below uniform ones are
-    /// as these. Much faster than asking for each.
+    /// Returns the states of all nodes below the root; [`DenseStates::level`] returns those of one
+    /// level. Nodes below a uniform node have its state. Much faster than single queries.
     fn states<R: Record>(&self) -> DenseStates;
 }
 
@@ -130,7 +133,8 @@ impl<'r> DenseRows<'r> for DenseBlock<'r> {
             None => bottom.fill(self.kind.states().0),
             Some(_) => (0..).zip(bottom).for_each(|(index, state)| *state = self.bottom_state(index)),
         }
-        // The first bottom value below each node stands for all, where these are alike.
+        // The first bottom value below each node represents the node's values where these are all
+        // equal.
         let mut first: Vec<R::Bytes> = Vec::new();
         for level in (1..self.levels).rev() {
             let values = if first.is_empty() { self.values_of::<R>(self.levels) } else { &first[..] };
@@ -178,7 +182,8 @@ impl DenseStates {
         states
     }
 
-    /// LEAF nodes (in the lower half) and INNER ones (in the upper half) of each level below the root.
+    /// Returns the numbers of LEAF nodes (in the lower 32 bits) and INNER nodes (in the upper 32
+    /// bits) of each level below the root.
     pub(crate) fn nodes_per_level(&self) -> [u64; MAX_DENSE_LEVELS as usize + 1] {
         let children = 1usize << self.axes;
         let mut nodes = [0; MAX_DENSE_LEVELS as usize + 1];
@@ -190,7 +195,8 @@ impl DenseStates {
             for z in 0..depth {
                 for y in 0..side {
                     for x in 0..side {
-                        // (Nodes below uniform ones are none. The root is not among the states.)
+                        // (Nodes below uniform ones do not exist. The states do not include the
+                        // root.)
                         if level > 1 && self.level(level - 1)[(z * side + y) * side + x] != INNER {
                             continue;
                         }
@@ -218,13 +224,13 @@ impl DenseStates {
         start..start + nodes
     }
 
-    /// The states of the nodes of a level, in rows.
+    /// Returns the states of a level's nodes, in rows.
     #[inline]
     pub(crate) fn level(&self, level: u8) -> &[u8] {
         &self.states[self.range(level)]
     }
 
-    /// The states of a level, and those of the next one.
+    /// Returns the states of a level, and those of the next one.
     fn levels_mut(&mut self, level: u8) -> (&mut [u8], &mut [u8]) {
         let (upper, lower) = (self.range(level), self.range(level + 1));
         let (above, below) = self.states.split_at_mut(lower.start);
@@ -238,7 +244,7 @@ impl DenseStates {
     }
 }
 
-/// Bits of a number with gaps for those of one other axis, or of two.
+/// The bits of a number, spread to leave gaps for one other axis, or for two.
 const SPREAD: [[u16; 1 << MAX_DENSE_LEVELS]; 2] = {
     let mut spread = [[0; 1 << MAX_DENSE_LEVELS]; 2];
     let mut number = 0;
@@ -254,11 +260,11 @@ const SPREAD: [[u16; 1 << MAX_DENSE_LEVELS]; 2] = {
     spread
 };
 
-/// Shows the index of each node of a level of a block in Z order, and in rows.
+/// Passes each node of a block's level to `show`: its index in Z order, and its index in rows.
 #[inline(always)]
 pub(crate) fn from_z_order<R: Record, F: FnMut(usize, usize)>(level: usize, mut show: F) {
-    // Invariant: the spread coordinates fit 16 bits, in octrees up to 6 levels, which is what blocks have.
-    // Others would be cut off by the table, and show other nodes.
+    // Invariant: spread coordinates fit into 16 bits for up to 6 levels in octrees, the maximum of
+    // blocks. Beyond that, the table would truncate them and yield other nodes.
     debug_assert!(R::AXES * level < 16 + R::AXES);
     let side = 1 << level;
     let spread = &SPREAD[R::AXES - 2][..side];
@@ -275,7 +281,8 @@ pub(crate) fn from_z_order<R: Record, F: FnMut(usize, usize)>(level: usize, mut 
     }
 }
 
-/// [`from_z_order`] by a pointer, where a call for each node is little beside what is done with it: compiled once.
+/// [`from_z_order`] with dynamic dispatch, compiled once. For visitors that take much longer than a
+/// call.
 #[inline(never)]
 pub(crate) fn for_z_order(dimension: Dimension, levels: u8, show: &mut dyn FnMut(usize, usize)) {
     let levels = usize::from(levels);

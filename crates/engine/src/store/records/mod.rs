@@ -1,4 +1,4 @@
-//! Records: the nodes of a segment, one by one or in dense blocks, and how runs of them are walked.
+//! Records: the nodes of a segment, single or in dense blocks, and traversals of runs of records.
 
 pub mod dense;
 pub mod record;

@@ -1,21 +1,23 @@
-//! The record of segments: what an inner node knows of its children.
+//! The record of segments: states and values of an INNER node's children.
 //!
-//! Records are written by the builder for both formats and stand in Goblin files. How wide a value is and how
-//! many children there are is known at run time ([`RecordLayout`]); what goes over very many records is
-//! compiled for each width and fan-out ([`Record`], [`with_record_type`]).
+//! The builder writes records for both formats, and Goblin files store them. Value width and number
+//! of children are known at run time ([`RecordLayout`]). Loops over very many records are compiled
+//! for each width and fan-out ([`Record`], [`with_record_type`]).
 
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout, Unaligned};
 
 use spinney_base::space::Dimension;
 use spinney_container::{RecordHead, RecordLayout, STATE_BITS, state_of};
 
-/// The lower bit of each of 16 states; times a state, 16 states that are all this one.
+/// The lower bit of each of 16 states. Multiplied by a state, it is 16 states that all equal that
+/// one.
 pub(crate) const LOW_STATE_BITS: u32 = 0x5555_5555;
 
-/// The combinations of four states, which are one byte: the size of tables by the states of four children.
+/// Number of combinations of four states, which take one byte: the size of tables indexed by the
+/// states of four children.
 pub(crate) const FOUR_STATES: usize = 1 << (4 * STATE_BITS);
 
-/// One inner node, as it stands on disk, with width and fan-out known at compile time.
+/// The record of an INNER node as stored on disk, with width and fan-out known at compile time.
 pub(crate) trait Record:
     FromBytes + IntoBytes + Immutable + KnownLayout + Unaligned + Copy + Send + Sync + 'static
 {
@@ -38,52 +40,53 @@ pub(crate) trait Record:
         + Sync;
     /// The bytes of the values of all children.
     type Values: AsRef<[Self::Bytes]>;
-    /// No value: all bytes zero.
+    /// The value of VOID: all bytes zero.
     const ZERO: Self::Bytes;
     /// The layout of the record.
     const RECORD_LAYOUT: RecordLayout = RecordLayout::of_width(Self::DIMENSION, size_of::<Self::Bytes>());
 
-    /// The values of children that are all alike.
+    /// Returns the values of children that all have the same value.
     fn alike(value: Self::Bytes) -> Self::Values;
-    /// A record of the values of all its children.
+    /// Returns a record with the values of all children.
     fn new(head: RecordHead, values: &[Self::Bytes]) -> Self;
-    /// The children's values, child 0 first.
+    /// Returns the children's values, child 0 first.
     fn values(&self) -> &[Self::Bytes];
-    /// Two bits per child, child 0 lowest.
+    /// Returns the states: two bits per child, child 0 lowest.
     fn states(&self) -> u32;
-    /// Number of places of records that this node's subtree occupies in its segment, this one included.
+    /// Returns the number of record slots that this node's subtree occupies in its segment,
+    /// including this one.
     fn skip(&self) -> u32 {
         self.head().skip
     }
-    /// Whether the subtree is a dense block, or says so: [`RecordHead::dense`] is not 0.
+    /// Returns whether the subtree is marked as a dense block: [`RecordHead::dense`] is not 0.
     fn is_dense(&self) -> bool {
         self.head().dense != 0
     }
-    /// States and skip.
+    /// Returns states and skip.
     fn head(&self) -> RecordHead;
 
-    /// State of one child.
+    /// Returns the state of one child.
     #[inline]
     fn state(&self, child: usize) -> u8 {
         state_of(self.states(), child)
     }
 
-    /// Bytes as records; nothing if they are not a whole number of them.
+    /// Returns bytes as records; empty if their number is not a multiple of the record size.
     #[inline]
     fn of(bytes: &[u8]) -> &[Self] {
         <[Self]>::ref_from_bytes(bytes).unwrap_or(&[])
     }
 }
 
-/// Index of the record of an INNER child; `None` if a skip leads out of the node.
+/// Returns the index of an INNER child's record; `None` if a skip leads out of the node.
 ///
-/// The parent's own extent must have been checked. Looks at no sibling behind the child.
+/// The parent's own extent must have been checked. Does not read siblings after the child.
 #[inline]
 pub(crate) fn child_record<R: Record>(records: &[R], parent: usize, child: usize) -> Option<usize> {
     let record = records.get(parent)?;
     let end = parent + record.skip() as usize;
-    // Those of the children before it stand first, one after the other. (INNER is the state with only the
-    // upper bit set.)
+    // The records of the preceding INNER children are stored first, consecutively. (INNER is the
+    // state with only the upper bit set.)
     let mut at = parent + 1;
     let states = record.states();
     let mut before = states >> 1 & !states & LOW_STATE_BITS & ((1 << (STATE_BITS * child)) - 1);
@@ -175,8 +178,8 @@ impl<const WIDTH: usize> Record for OctRecord<WIDTH> {
     }
 }
 
-/// Evaluates an expression with a name bound to the type of a [`RecordLayout`]'s records: the way into what
-/// goes over very many of them.
+/// Evaluates an expression with a name bound to the record type of a [`RecordLayout`]: the entry to
+/// loops over very many records.
 macro_rules! with_record_type {
     ($layout:expr, $R:ident => $body:expr) => {{
         use spinney_base::space::Dimension;
@@ -212,9 +215,9 @@ macro_rules! with_record_type {
 
 pub(crate) use with_record_type;
 
-/// Evaluates an expression with names bound to the type of a [`TreeType`]'s values
-/// ([`Native`](spinney_base::value::Native)) and to that of its records: the way into kernels that go over very many
-/// records.
+/// Evaluates an expression with names bound to the value type of a [`TreeType`]
+/// ([`Native`](spinney_base::value::Native)) and to its record type: the entry to kernels that
+/// process very many records.
 macro_rules! with_form_type {
     ($form:expr, $V:ident, $R:ident => $body:expr) => {{
         let form: spinney_base::TreeType = $form;

@@ -1,4 +1,5 @@
-//! Nodes of a run of records: what is below a node as it stands in a segment, records and dense blocks.
+//! Nodes of a run of records: the subtree of a node as stored in a segment, in records and dense
+//! blocks.
 
 use zerocopy::IntoBytes;
 
@@ -10,12 +11,12 @@ use spinney_container::{CUT, DenseBlock, INNER, LEAF, RecordLayout, VOID, dense_
 /// An INNER node of a run: one with a record of its own, or one in a dense block.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub(crate) struct RunNode {
-    /// The number of its record, or of the block's.
+    /// Index of its record, or of the block's.
     pub record: u32,
     /// Levels below the block's root; 0 for a record of its own.
     pub below: u8,
-    /// Its index among the block's nodes of that level. Invariant: it has 16 bits, since dense blocks have
-    /// 256 x 256 values at most, or 16 x 16 x 16.
+    /// Its index among the block's nodes of that level. Invariant: the index fits into 16 bits,
+    /// since dense blocks have at most 256 x 256 values, or 16 x 16 x 16.
     pub index: u16,
 }
 
@@ -23,14 +24,15 @@ const _: () =
     assert!(2 * *dense_levels(Dimension::Quad).end() <= 16 && 3 * *dense_levels(Dimension::Oct).end() <= 16);
 
 impl RunNode {
-    /// The node with a record of its own.
+    /// Returns the node with a record of its own.
     #[inline]
     pub(crate) fn of_record(record: usize) -> RunNode {
         RunNode { record: record as u32, below: 0, index: 0 }
     }
 }
 
-/// A child of a node of a run: its state, its value (zeros if it is VOID), and what it is itself if it is INNER.
+/// A child of a node of a run: its state, its value (zeros if it is VOID), and its node if it is
+/// INNER.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct RunChild {
     pub state: u8,
@@ -38,22 +40,23 @@ pub(crate) struct RunChild {
     pub node: RunNode,
 }
 
-/// The children of a node, in child order; a quadtree's last four entries are not used.
+/// The children of a node, in child order; a quadtree does not use the last four entries.
 pub(crate) type RunChildren = [RunChild; 8];
 
-/// Runs of records, as their layout tells of them.
+/// Access to runs of records by their layout.
 pub(crate) trait Runs {
-    /// Writes the children of a node of a run; `None` if the run contradicts itself there.
+    /// Writes the children of a node of a run to `children`; returns `None` if the records there
+    /// are inconsistent.
     ///
-    /// The node's own extent must have been checked, as those of children are here: to lie inside it and beside each other, so
-    /// that no walk can leave the segment or go round in it.
+    /// The node's own extent must have been checked. This checks the children's extents: they must
+    /// lie inside it and not overlap, so that no traversal can leave the segment or loop in it.
     fn run_children(&self, records: &[u8], node: RunNode, children: &mut RunChildren) -> Option<()>;
 
-    /// The dense block that a node is the root of.
+    /// Returns the dense block that has a node as its root.
     fn dense_at<'r>(&self, records: &'r [u8], node: RunNode) -> Option<DenseBlock<'r>>;
 
-    /// The value of a node below the one at `level` whose record has a number, which is the parent's or a dense block that has
-    /// it; `None` if that is no such block.
+    /// Returns the value of the node `code`. Record `at` is that of its ancestor at `level`: the
+    /// parent, or a dense block that contains the node. `None` if it is not such a block.
     fn value_below(&self, records: &[u8], at: usize, level: u8, code: Code) -> Option<Option<Value>>;
 }
 
@@ -65,14 +68,15 @@ impl Runs for RecordLayout {
         if head.dense != 0 {
             return dense_children(&self.dense(records, at, head)?, node, children);
         }
-        // (A node of a block that is none.)
+        // (The node claims to be in a dense block, but the record is not one.)
         if node.below > 0 {
             return None;
         }
-        // Invariant: the extent of the node was checked by whoever leads to it, the root's when its run was
-        // loaded; those of children are checked here to lie in it, one behind the other. So no walk leaves
-        // the run or goes round in it, and each record belongs to one node: what a walk takes is bounded by
-        // the records, whatever they say.
+        // Invariant: the node's extent was checked by the caller that found the node, and the
+        // root's when its run was loaded. The children's extents are checked here: consecutive and
+        // inside the node. So no traversal leaves the run or loops in it, and each record belongs
+        // to one node. The number of records bounds the cost of a traversal, whatever their
+        // contents.
         let end = at + head.skip as usize;
         let mut next = at + 1;
         for (step, child) in children[..self.children()].iter_mut().enumerate() {
@@ -112,31 +116,31 @@ impl Runs for RecordLayout {
     }
 }
 
-/// End of a descent through the records of one run.
+/// Result of a descent through the records of one run.
 pub(crate) enum Descent {
     /// In a VOID block.
     Void,
     /// In a block of one value.
     Leaf(Value),
-    /// At the node itself, whose record has this number.
+    /// At the node itself, whose record has this index.
     Inner(usize),
-    /// At the record with this number, of the node's ancestor at a level, which is a dense block.
+    /// At a dense block: index of its record, and level of the node's ancestor that is its root.
     Dense(usize, u8),
-    /// At a level whose node has its record in another run.
+    /// At this level, where the node's ancestor has its record in another run.
     Cut(u8),
-    /// At the record with this number, whose skip leads out of the node.
+    /// At the record with this index, whose skip leads out of the node.
     BadSkip(usize),
 }
 
-/// A way down, from the record of a node's ancestor at a level to the node.
+/// Descends to the node `code`, from record `at` of its ancestor at `level`.
 pub(crate) type Descend = fn(records: &[u8], at: usize, level: u8, code: Code) -> Descent;
 
-/// The way down through records of a layout, which is half of what the answer for a point costs.
+/// Returns the descent through records of a layout. It takes half of the time of a point query.
 pub(in crate::store) fn descend_in(layout: RecordLayout) -> Descend {
     with_record_type!(layout, R => descend::<R>)
 }
 
-/// Goes down from the record of a node's ancestor at `level` to the node's own.
+/// Descends from the record of a node's ancestor at `level` to the node's own record.
 fn descend<R: Record>(records: &[u8], mut at: usize, level: u8, code: Code) -> Descent {
     let records = R::of(records);
     for level in level..code.level() {
@@ -159,7 +163,7 @@ fn descend<R: Record>(records: &[u8], mut at: usize, level: u8, code: Code) -> D
     Descent::Inner(at)
 }
 
-/// The children of a node of a dense block; `None` for one at its bottom, or below.
+/// Returns the children of a node of a dense block; `None` for a node at its bottom, or below.
 fn dense_children(block: &DenseBlock<'_>, node: RunNode, children: &mut RunChildren) -> Option<()> {
     let level = node.below + 1;
     if level > block.levels {

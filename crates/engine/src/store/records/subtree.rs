@@ -1,32 +1,38 @@
-//! Single passes over the records of a subtree, all of which is in one run; skips and states are checked on the way.
+//! Single-pass scans of a subtree's records, all of which are in one run. Skips and states are
+//! checked on the way.
 
 use super::dense::{DenseBlock, DenseRows, dense_block};
 use super::record::{FOUR_STATES, LOW_STATE_BITS, Record, with_record_type};
 use spinney_container::LevelCounts;
 use spinney_container::{INNER, LEAF, RecordLayout, state_of};
 
-/// The records of a subtree contradict each other.
+/// Error: the records of a subtree are inconsistent.
 #[derive(Debug)]
 pub(crate) struct BadSkip;
 
-/// Message of errors that cannot be, since records are checked when they are taken over.
+/// Panic message for errors that cannot occur, since records are checked when they are copied.
 pub(in crate::store) const RECORDS_ARE_CHECKED: &str = "records are checked before they are taken";
 
 /// Levels of the deepest trees.
 const MAX_LEVELS: usize = 32;
 
-/// Visitor of the records of a subtree: of a run of siblings and its level, and of the dense block of a run that is one record.
+/// Visitor of a subtree's records: receives the level and a run of siblings, and the dense block of
+/// a run that is one record.
 type ShowRecords<'a, R> = &'a mut dyn FnMut(u8, &[R], Option<&DenseBlock<'_>>);
 
-/// Shows all records of a subtree of so many levels, in preorder, with their levels below its root, and with their dense
-/// blocks where they have some. Siblings of the last level, which have most of the records, are shown together.
+/// Passes all records of a subtree of `levels` levels to `show`, in preorder, with their levels
+/// below its root and with the dense block of a record that has one. Siblings of the last level,
+/// which has most of the records, are passed together.
 ///
-/// (A kernel: compiled for each width and fan-out. What is done with the records is a pointer: it is another function for each type, too.)
+/// (A kernel, compiled for each width and fan-out. The visitor is called through a pointer, since
+/// it is another function for each type, too.)
 ///
 /// # Errors
-/// If skips or states do not make a tree that is complete here; some records have been shown then.
+/// If skips or states do not form a tree that is complete here. Some records have been passed to
+/// `show` by then.
 fn each_record<R: Record>(records: &[R], levels: u8, show: ShowRecords<'_, R>) -> Result<(), BadSkip> {
-    // Of the nodes that the record is in: where the subtree ends, and how many children have not come yet.
+    // Per level, for the ancestors of the record: end of the subtree, and number of children still
+    // missing.
     let mut ends = [0; MAX_LEVELS + 1];
     let mut missing = [0; MAX_LEVELS + 1];
     (ends[0], missing[0]) = (records.len() as u32, 1);
@@ -35,15 +41,15 @@ fn each_record<R: Record>(records: &[R], levels: u8, show: ShowRecords<'_, R>) -
     let levels = usize::from(levels).min(MAX_LEVELS);
     let mut i = 0;
     while let Some(record) = records.get(i) {
-        // Ends at level 0 at the latest, where the end is that of all records.
+        // Stops at level 0 at the latest, whose end is that of all records.
         while i >= ends[level] as usize {
             level -= 1;
         }
         let end = i + record.skip() as usize;
-        // Invariant: a subtree ends within its parent's, so that ends never grow from level to level, and
-        // `level < levels` keeps the accounts within their arrays. So each record is one child of one node,
-        // and in the end the sum tells whether all have come. What is copied record by record was seen here:
-        // nobody looks again.
+        // Invariant: a subtree ends within its parent's, so `ends` never grow from level to level,
+        // and `level < levels` keeps the indices within both arrays. So each record is a child of
+        // exactly one node, and the sum at the end shows whether all children were found. Records
+        // are copied without any further check.
         if level >= levels || missing[level] == 0 || end <= i || end > ends[level] as usize {
             return Err(BadSkip);
         }
@@ -65,8 +71,8 @@ fn each_record<R: Record>(records: &[R], levels: u8, show: ShowRecords<'_, R>) -
         level += 1;
         ends[level] = end as u32;
         missing[level] = children as u8;
-        // The last level has most of the records, and no account to be kept: its nodes are records without
-        // INNER children, so each skip is 1, and there are as many as the parent claims.
+        // The last level has most of the records and needs no bookkeeping: its nodes have no INNER
+        // children, so each skip is 1, and their number is what the parent claims.
         if level + 1 == levels {
             let last = &records[i..end];
             let is_last = |record: &R| {
@@ -80,33 +86,35 @@ fn each_record<R: Record>(records: &[R], levels: u8, show: ShowRecords<'_, R>) -
             i = end;
         }
     }
-    // One record for each INNER child, and the root's. No parent has had too many, so with the sum right none
-    // has too few.
+    // There is one record per INNER child, plus the root's. No parent had too many, so if the sum
+    // is right, none has too few.
     if inner + 1 == shown { Ok(()) } else { Err(BadSkip) }
 }
 
-/// The dense block of a record, if it reaches down to the cells, which are so many levels below the record's node.
+/// Returns the dense block of a record, if it reaches down to the cells, which are `levels` levels
+/// below the record's node.
 #[inline(never)]
 fn dense_to_cells<R: Record>(records: &[R], at: usize, levels: usize) -> Option<DenseBlock<'_>> {
     let block = dense_block(records, at)?;
     (usize::from(block.levels) == levels && block.kind.is_leaves()).then_some(block)
 }
 
-/// The states of all children, and nothing else.
+/// Returns the states of all children, without other bits.
 #[inline]
 fn states<R: Record>(record: &R) -> u32 {
     record.states() & (u32::MAX >> (32 - 2 * R::CHILDREN))
 }
 
-/// Whether a child's state is CUT, which has both bits set.
+/// Returns whether a child's state is CUT, which has both bits set.
 #[inline]
 fn has_cut<R: Record>(record: &R) -> bool {
     let states = states(record);
     states & states >> 1 & LOW_STATE_BITS != 0
 }
 
-/// LEAF nodes (in the lower half) and INNER ones (in the upper half) by the states of four nodes. Counting
-/// bits takes a dozen instructions on processors that are as old as programs must still run on.
+/// Number of LEAF nodes (in the lower 32 bits) and INNER nodes (in the upper 32 bits) by the states
+/// of four nodes. A table, because counting bits takes a dozen instructions on the oldest supported
+/// processors.
 const LEAF_INNER_COUNTS: [u64; FOUR_STATES] = {
     let mut table = [0; FOUR_STATES];
     let mut states = 0;
@@ -125,7 +133,8 @@ const LEAF_INNER_COUNTS: [u64; FOUR_STATES] = {
     table
 };
 
-/// LEAF children (in the lower half) and INNER ones (in the upper half).
+/// Returns the numbers of LEAF children (in the lower 32 bits) and INNER children (in the upper 32
+/// bits).
 #[inline]
 fn leaf_inner_counts<R: Record>(record: &R) -> u64 {
     let states = record.states() as usize;
@@ -138,11 +147,11 @@ fn inner_children<R: Record>(record: &R) -> usize {
     (leaf_inner_counts(record) >> 32) as usize
 }
 
-/// Shows all leaves of a subtree of so many levels with their cells; those of a dense block cell by cell, however they
-/// condense.
+/// Passes all leaves of a subtree of `levels` levels to `leaf`, with their number of cells. The
+/// leaves of a dense block are passed cell by cell, even if they are equal.
 ///
 /// # Errors
-/// As [`each_record`].
+/// Those of [`each_record`].
 #[inline]
 pub(crate) fn each_leaf<R: Record>(
     records: &[R],
@@ -155,15 +164,15 @@ pub(crate) fn each_leaf<R: Record>(
     })
 }
 
-/// A part of a subtree.
+/// A leaf or a dense block of a subtree.
 pub(crate) enum LeafOrBlock<'b, 'r, R: Record> {
-    /// A leaf's value, and its cells.
+    /// A leaf's value, and its number of cells.
     Leaf(R::Bytes, u64),
     /// A dense block, whose bottom nodes are cells.
     Block(&'b DenseBlock<'r>),
 }
 
-/// Shows all leaves of a subtree of so many levels, but dense blocks as a whole.
+/// Passes all leaves of a subtree of `levels` levels to `show`, but dense blocks as a whole.
 ///
 /// # Errors
 /// Those of [`each_record`].
@@ -193,7 +202,7 @@ pub(crate) fn each_leaf_or_block<R: Record>(
 /// Counts the nodes below a subtree's root, which is at `level`.
 ///
 /// # Errors
-/// As [`each_record`]; nothing has been counted then.
+/// Those of [`each_record`]; nothing has been counted then.
 pub(in crate::store) fn count_nodes(
     layout: RecordLayout,
     records: &[u8],
@@ -215,7 +224,8 @@ pub(in crate::store) fn count_nodes(
     Ok(())
 }
 
-/// LEAF children (in the lower half) and INNER ones (in the upper half) of the nodes of each level.
+/// Returns the numbers of LEAF children (in the lower 32 bits) and INNER children (in the upper 32
+/// bits) of each level's nodes.
 fn nodes_per_level<R: Record>(records: &[R], levels: u8) -> Result<[u64; MAX_LEVELS + 1], BadSkip> {
     let mut sums = [0u64; MAX_LEVELS + 1];
     each_record(records, levels, &mut |level, run: &[R], block| match block {
@@ -261,7 +271,7 @@ mod tests {
             assert_eq!(show(&good, levels), Some(vec![0, 1, 2, 1, 2, 2]));
         }
         assert_eq!(show(&[(0, 1)], 1), Some(vec![0]));
-        // A child too many here, one too few there: together as many as there should be.
+        // One child too many in one node, one too few in another: the sum is right.
         let bad = [(0b1010, 6), (0b10, 3), (0, 1), (0, 1), (0b1010, 2), (0, 1)];
         for levels in [2, 3, 4, 200] {
             assert_eq!(show(&bad, levels), None);

@@ -1,8 +1,10 @@
-//! Majorities of blocks in rows, from counts of classes that are carried up.
+//! Majorities of blocks in rows, from class counts of each level's nodes.
 //!
-//! Class after class is counted in the nodes of all levels, in ascending order, and takes a node over where it has more cells
-//! than all before: so counts are bytes in rows, whose loops are without branches. Nodes where several classes have most cells
-//! are marked on the way, and settled at the end from the bottom up, since the values of their children decide (see [`break_tie`]).
+//! For each class in ascending order, its cells are counted in the nodes of all levels, and it
+//! becomes the winner of every node where its count exceeds those of all previous classes. So
+//! counts are bytes in rows, and the loops have no branches. Nodes where several classes have the
+//! maximum are marked. Ties are resolved at the end from the bottom up, since the children's values
+//! decide (see [`break_tie`]).
 
 use std::ops::{BitOr, Range};
 
@@ -12,19 +14,21 @@ use zerocopy::IntoBytes;
 use super::{RowBlock, child_rows, neighbours, reduce};
 use spinney_base::value::{SampleType, Value, break_tie};
 
-/// Cells that are counted in bytes, as a power of two: twice as many are a byte, too.
+/// Maximum number of cells that are counted in bytes, as a power of two: twice as many must fit
+/// into a byte.
 const BYTE_BITS: usize = 6;
 
-/// Bands of rows (in octrees: of slices) that a block is cut into, as a power of two. A class is counted in those alone from
-/// its first cell to its last: in maps, most classes are at few places.
+/// Number of bands of rows (in octrees: of slices) that a block is divided into, as a power of two.
+/// A class is counted only in the bands from its first to its last cell: in maps, most classes have
+/// a limited extent.
 const BAND_BITS: usize = 3;
 
-/// Knowledge of the nodes of a level. All counts are twice the cells.
+/// Counts of the nodes of a level. All counts are twice the number of cells.
 struct Counts<T> {
-    /// The most frequent class so far, and its count; 1 more if another class has as many cells.
+    /// The most frequent class so far, and its count; plus 1 if another class has as many cells.
     winners: Vec<u8>,
     best: Vec<T>,
-    /// The count of the class that is being counted.
+    /// The count of the current class.
     counted: Vec<T>,
 }
 
@@ -37,23 +41,25 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
         }
     }
 
-    /// Gives a class those of some nodes in which it has more cells than all before.
+    /// Makes a class the winner of those nodes where it has more cells than all previous ones.
     #[inline]
     fn take_over(&mut self, class: u8, nodes: Range<usize>) {
         let winners = self.winners[nodes.clone()].iter_mut().zip(&mut self.best[nodes.clone()]);
         for ((winner, best), count) in winners.zip(&self.counted[nodes]) {
-            // (A mask of bits, since a choice of bytes would be compiled to branches.)
+            // (A bit mask, since selecting bytes would be compiled to branches.)
             let is_more = u8::from(*count > *best).wrapping_neg();
-            // (What is odd is no count, and stays odd until more is counted. A node has more than 0 of some class.)
+            // (An odd number is not equal to any count, and stays until a larger count replaces it.
+            // Every node has more than 0 cells of some class.)
             let is_tied = T::from(*count == *best);
             *best = (if *count > *best { *count } else { *best }) | is_tied;
             *winner = *winner & !is_more | class & is_more;
         }
     }
 
-    /// The values of the nodes, `up` levels above the cells, once all classes are counted; `below` has those of their children.
+    /// Returns the values of the nodes `up` levels above the cells, once all classes are counted;
+    /// `below` has the values of their children.
     fn settle(mut self, cells: &Cells<'_>, up: usize, below: &[u8]) -> Vec<u8> {
-        /// Nodes that are passed over at once if none is tied.
+        /// Number of nodes that are skipped together if none has a tie.
         const SPAN: usize = 16;
         let side = cells.side >> up;
         let is_odd = |best: T| best.into() & 1 == 1;
@@ -77,8 +83,9 @@ impl<T: Copy + Default + PartialOrd + BitOr<Output = T> + From<bool> + Into<u32>
 }
 
 impl Counts<u8> {
-    /// [`Counts::settle`] for the nodes above the cells of a quadtree. Of four cells the tied classes are two twice, or all: the
-    /// first cell has one of them.
+    /// [`Counts::settle`] for the nodes directly above the cells of a quadtree. In a tie among four
+    /// cells, two classes have two cells each, or all four differ: in both cases the first cell has
+    /// one of the tied classes.
     fn settle_fours(mut self, cells: &Cells<'_>) -> Vec<u8> {
         let side = cells.side / 2;
         let nodes = self.winners.chunks_exact_mut(side).zip(self.best.chunks_exact(side));
@@ -99,26 +106,27 @@ struct Cells<'a> {
     values: &'a [u8],
 }
 
-/// A byte of 1 for each byte of a word.
+/// The value 1 in each byte of a word.
 const ONES: u64 = u64::MAX / 255;
-/// All bits of a word's bytes but the highest ones.
+/// All bits of a word except the highest one of each byte.
 const LOW: u64 = 0x7F * ONES;
 
-/// How many bytes of some words, eight at most, are a class.
+/// Returns the number of bytes equal to a class in some words, at most eight.
 #[inline]
 fn count_in(words: &[u64], class: u8) -> u32 {
     let pattern = ONES * u64::from(class);
     let mut sum = 0;
     for word in words {
         let word = word ^ pattern;
-        // Bytes of 1 where those of the word are 0.
+        // 1 in each byte where the word's byte is 0.
         sum += (!(((word & LOW) + LOW) | word) >> 7) & ONES;
     }
     (sum.wrapping_mul(ONES) >> 56) as u32
 }
 
 impl Cells<'_> {
-    /// The class that wins the tie of a node, `up` levels above the cells, whose most frequent classes have so many cells each.
+    /// Returns the class that wins the tie of a node, `up` levels above the cells, whose most
+    /// frequent classes have `most` cells each.
     #[inline]
     fn winner(&self, node: [usize; 3], up: usize, children: &[&[u8]; 4], most: u32) -> u8 {
         let (mut values, rows) = ([0; 8], 1 << (self.axes - 1));
@@ -143,7 +151,8 @@ impl Cells<'_> {
         }
     }
 
-    /// The cells of a node that has eight or more, and no more than 2^[`BYTE_BITS`], in words.
+    /// Returns the cells of a node as words. The node has at least eight cells and at most
+    /// 2^[`BYTE_BITS`].
     #[inline]
     fn words<'w>(&self, [x, y, z]: [usize; 3], up: usize, words: &'w mut [u64; 8]) -> &'w [u64] {
         let first = (((z << up) * self.side) + (y << up)) * self.side + (x << up);
@@ -177,7 +186,7 @@ impl Cells<'_> {
         }
     }
 
-    /// The rows of cells of a node.
+    /// Returns the rows of cells of a node.
     fn rows(&self, [x, y, z]: [usize; 3], up: usize) -> impl Iterator<Item = &[u8]> {
         let (side, slices) = (self.side, if self.axes == 2 { 1 } else { 1 << up });
         (0..slices).flat_map(move |slice| {
@@ -187,7 +196,7 @@ impl Cells<'_> {
     }
 }
 
-/// How many cells of a row, which is no shorter than eight, have a class.
+/// Returns the number of cells of a class in a row of at least eight cells.
 #[inline]
 fn count_of(row: &[u8], class: u8) -> u32 {
     let (chunks, rest) = row.as_chunks::<16>();
@@ -195,7 +204,8 @@ fn count_of(row: &[u8], class: u8) -> u32 {
     chunks.iter().map(|chunk| of(chunk)).sum::<u32>() + of(rest)
 }
 
-/// The class that wins a tie among so many cells of each where no child has one of the tied classes.
+/// Returns the class that wins a tie of classes with `most` cells each, if no child has one of the
+/// tied classes.
 #[cold]
 fn hashed(cells: &[u8], children: &[u8], most: u32) -> u8 {
     let mut counts = [0; 256];
@@ -205,7 +215,8 @@ fn hashed(cells: &[u8], children: &[u8], most: u32) -> u8 {
     break_tie(children.iter().map(|value| Value::from([*value])), &tied, most.into()).to_bytes()[0]
 }
 
-/// Gives all nodes of a block, whose values are single bytes, their majorities; returns the cells of each value.
+/// Sets the values of all nodes of a block to their majorities. Values are single bytes. Returns
+/// the number of cells per value.
 pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
     debug_assert_eq!(block.form.value.sample, SampleType::U8);
     let (axes, height) = (block.form.axes(), block.height);
@@ -225,16 +236,16 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
         let end = bands.iter().rposition(|band| cells_in(band) > 0).unwrap_or(first) + 1;
         classes.push((Value::from_bytes(&[class]), bands.iter().map(|band| u64::from(cells_in(band))).sum()));
         for up in 1..=height {
-            // Where a band is less than a row, all nodes are looked at: there are few.
+            // If a band is smaller than a row, all nodes are processed: there are few.
             let is_banded = up + band_bits <= height;
             let nodes_at = |up: usize| {
                 let nodes = nodes(up);
                 if is_banded { first * (nodes >> band_bits)..end * (nodes >> band_bits) } else { 0..nodes }
             };
-            // Invariant: of the cells of the class before, nothing is left where counts are read. In levels
-            // with bands only those are read that were written for this class; the last of these levels, all
-            // of which the next one reads, is zeroed before. Otherwise nodes beside a class' bands would
-            // count cells of another one.
+            // Invariant: no counts of the previous class are left where counts are read. In levels
+            // with bands, only counts written for this class are read. The last of these levels is
+            // zeroed before, because the next level reads all of it. Otherwise nodes next to a
+            // class's bands would count cells of another class.
             let clear = up + band_bits == height;
             let (here, below, side) = (nodes_at(up), nodes_at(up - 1), block.side(up - 1));
             if up <= narrow_levels {
@@ -289,7 +300,7 @@ pub(super) fn majorities(block: &mut RowBlock) -> Vec<(Value, u64)> {
     classes
 }
 
-/// Adds up what the children of each node count, in no more than a byte; there is a column for each child of a row.
+/// Sums the counts of each node's children, in bytes; there is a column for each child of a row.
 #[inline]
 fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of: impl Fn(u8) -> u8) {
     let side = columns.len();
@@ -298,17 +309,18 @@ fn count(axes: usize, children: &[u8], counts: &mut [u8], columns: &mut [u8], of
         for children in child_rows(axes, side, children, row) {
             columns.iter_mut().zip(children).for_each(|(column, child)| *column += of(*child));
         }
-        // Invariant: no sum is more than twice 2^BYTE_BITS, which is what a node has of cells in the levels
-        // that are counted in bytes. So nothing is carried from one column to its neighbour.
+        // Invariant: no sum exceeds twice 2^BYTE_BITS, the maximum number of a node's cells in
+        // levels that are counted in bytes. So no column carries into the next one.
         for (count, columns) in counts.iter_mut().zip(neighbours(columns)) {
             *count = (columns + (columns >> 8)) as u8;
         }
     }
 }
 
-/// The cells of each value.
+/// Returns the number of cells per value.
 fn histogram(cells: &[u8]) -> [u32; 256] {
-    // Several tables: to count the same value again a processor waits for the last sum.
+    // Several tables, because a processor that increments the same counter again has to wait for
+    // the previous sum.
     let mut tables = [[0; 256]; 4];
     let (fours, rest) = cells.as_chunks::<4>();
     for four in fours {

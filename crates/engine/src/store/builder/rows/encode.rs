@@ -1,4 +1,5 @@
-//! Turns the levels of a block in rows into a run of records, as [`encode`](super::super::encode) does with others.
+//! Encodes the levels of a block in rows as a run of records, like [`encode`](super::super::encode)
+//! for blocks in Z order.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -9,21 +10,21 @@ use spinney_base::array;
 use spinney_container::DenseKind;
 use spinney_container::{CUT, INNER, LEAF};
 
-/// The levels from the root down to a bottom, and the places that their nodes take.
+/// The levels from the root down to a bottom, and the record slots of their nodes.
 struct Encoder<'a, R: Record> {
     /// From the bottom to the root.
     levels: &'a [RowLevel],
-    /// Whether nodes at the bottom that are not uniform are cut off there.
+    /// Whether nodes at the bottom that are not uniform become CUT.
     is_cut: bool,
-    /// Levels of the largest dense blocks.
+    /// Maximum number of levels of dense blocks.
     most_dense: u8,
-    /// Of each level from the lowest on that has nodes which are not uniform.
+    /// For each level from the lowest one that has nodes which are not uniform.
     places: Vec<Vec<Places>>,
     layout: std::marker::PhantomData<R>,
 }
 
-/// The records of a block, whose levels come from the cells up, without those below the level `bottom`. Nothing if the root is
-/// uniform. Dense blocks have `most_dense` levels at most.
+/// Returns the records of a block, without the levels below `bottom`; `levels` are ordered from the
+/// cells up. Returns nothing if the root is uniform. Dense blocks have at most `most_dense` levels.
 pub(super) fn encode<R: Record>(levels: &[RowLevel], bottom: usize, most_dense: u8) -> Vec<u8> {
     let root = &levels[levels.len() - 1];
     if root.uniform[0] == 1 {
@@ -45,21 +46,21 @@ pub(super) fn encode<R: Record>(levels: &[RowLevel], bottom: usize, most_dense: 
 }
 
 impl<R: Record> Encoder<'_, R> {
-    /// Nodes along each axis, `up` levels above the bottom.
+    /// Returns the number of nodes along each axis, `up` levels above the bottom.
     fn side(&self, up: usize) -> usize {
         1 << (self.levels.len() - 1 - up)
     }
 
-    /// The index of a node in its level.
+    /// Returns the index of a node in its level.
     #[inline]
     fn index(&self, up: usize, [x, y, z]: [usize; 3]) -> usize {
         (z * self.side(up) + y) * self.side(up) + x
     }
 
-    /// Counts the places of all nodes above the bottom.
+    /// Counts the record slots of all nodes above the bottom.
     fn count(&mut self) {
         let leaf = Places::of_state(LEAF);
-        // The lowest level with nodes that are not uniform, and what these take.
+        // The lowest level with nodes that are not uniform, and the slots of each of these.
         let (lowest, other) = if self.is_cut {
             (0, Places::of_state(CUT))
         } else {
@@ -81,14 +82,15 @@ impl<R: Record> Encoder<'_, R> {
         }
     }
 
-    /// Places and form of an INNER node.
+    /// Returns the number of slots of an INNER node, and the kind of its dense block if it is one.
     #[inline]
     fn places(&self, up: usize, at: [usize; 3]) -> (usize, Option<DenseKind>) {
         let places = self.places[up][self.index(up, at)];
         (places.count() as usize, places.dense())
     }
 
-    /// Writes an INNER node of a level to its places, which begin with the first of some records; returns their number.
+    /// Writes an INNER node of a level to the first slots of `records`; returns the number of
+    /// slots.
     fn node(&self, up: usize, at: [usize; 3], records: &mut [R]) -> usize {
         let (count, dense) = self.places(up, at);
         let records = &mut records[..count];
@@ -141,7 +143,7 @@ impl<R: Record> Encoder<'_, R> {
         }
     }
 
-    /// The indices of the first nodes, in a level, of the rows below a node.
+    /// Returns, for each row below a node, the index of its first node in a level.
     fn rows(
         &self,
         below: usize,

@@ -1,4 +1,5 @@
-//! Blocks in rows whose nodes have the values of their first children, from counts of the values of cells.
+//! Blocks in rows whose nodes have the values of their first children
+//! ([`Rule::Nearest`](spinney_base::value::Rule::Nearest)), with counts of the cells' values.
 
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -7,17 +8,18 @@ use super::{RowBlock, child_pairs};
 use crate::store::records::{Record, RecordLayout, with_record_type};
 use spinney_base::value::Value;
 
-/// Gives all nodes of a block the values of their first children; returns the cells of each value.
+/// Sets the values of all nodes of a block to those of their first children; returns the number of
+/// cells per value.
 pub(super) fn firsts(block: &mut RowBlock) -> Vec<(Value, u64)> {
     with_record_type!(RecordLayout::new(block.form), R => firsts_of::<R>(block))
 }
 
-/// A mover: compiled for each width of values.
+/// Compiled for each width, without knowledge of the value type.
 fn firsts_of<R: Record>(block: &mut RowBlock) -> Vec<(Value, u64)> {
     let mut counts = ValueCounts::default();
     let (mut last, mut cells) = (R::ZERO, 0);
     for value in block.levels[0].values_of::<R>() {
-        // Neighbours are alike.
+        // Adjacent cells often have equal values.
         if *value != last {
             counts.add(last.as_bytes(), cells);
             (last, cells) = (*value, 0);

@@ -1,16 +1,16 @@
-//! Means of blocks in rows, and what is known of all their cells.
+//! Means of blocks in rows, and statistics of their cells.
 //!
-//! Kernels: compiled for each type of values, chosen once per block.
+//! These are kernels: compiled for each value type, selected once per block.
 
 use zerocopy::FromBytes;
 
 use super::{RowBlock, child_pairs, reduce};
 use spinney_base::value::{Native, ZoneStats, erase};
 
-/// Cells of a node whose sums are narrow, as a power of two: see [`Native::NarrowSums`].
+/// Maximum number of a node's cells for narrow sums, as a power of two: see [`Native::NarrowSums`].
 const NARROW_BITS: usize = 15;
 
-/// Gives all nodes of a block their means, and tallies its cells.
+/// Sets the values of all nodes of a block to their means, and returns the statistics of its cells.
 pub(super) fn means<V: Native>(block: &mut RowBlock) -> ZoneStats {
     let (axes, height) = (block.form.axes(), block.height);
     let mut narrow: Vec<V::NarrowSums> = Vec::new();
@@ -46,7 +46,7 @@ fn values<V: Native>(bytes: &[u8]) -> &[V::Wire] {
     <[V::Wire]>::ref_from_bytes(bytes).expect("whole values")
 }
 
-/// Gives the nodes of the last level their means.
+/// Sets the values of the last level's nodes to their means.
 #[inline]
 fn put_means<V: Native, S: Copy>(block: &mut RowBlock, sums: &[S], mean: impl Fn(S) -> V) {
     let (axes, side) = (block.form.axes(), block.side(block.levels.len() - 2));
@@ -58,7 +58,8 @@ fn put_means<V: Native, S: Copy>(block: &mut RowBlock, sums: &[S], mean: impl Fn
     if !V::TYPE.sample.is_float() {
         return;
     }
-    // Of floating samples that are alike the mean may be another number: of the largest, whose sum is infinite.
+    // The mean of equal floating-point samples may differ from them: very large samples have an
+    // infinite sum.
     let children = values::<V>(&below.values);
     let rows = means.chunks_exact_mut(side / 2).zip(level.uniform.chunks_exact(side / 2));
     for (row, (means, uniform)) in rows.enumerate() {
@@ -71,7 +72,7 @@ fn put_means<V: Native, S: Copy>(block: &mut RowBlock, sums: &[S], mean: impl Fn
     }
 }
 
-/// Statistics of all cells, whose sums are known.
+/// Returns the statistics of all cells, whose sums are known.
 fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> ZoneStats {
     let values = values::<V>(&block.levels[0].values);
     let cells = values.len() as u64;
@@ -98,7 +99,7 @@ fn tally<V: Native>(block: &RowBlock, sums: V::BlockSums) -> ZoneStats {
     }
 }
 
-/// The sum of squares that is exact in any order.
+/// Returns the sum of squares, for types where it is exact in any order.
 fn squares<V: Native>(values: &[V::Wire]) -> V::BlockSquares {
     let narrow = |values: &[V::Wire]| {
         let squares = values.iter().map(|value| V::from_wire(*value).narrow_squares());
@@ -107,7 +108,8 @@ fn squares<V: Native>(values: &[V::Wire]) -> V::BlockSquares {
     values.chunks(1 << NARROW_BITS).map(narrow).fold(V::BlockSquares::default(), V::add_block_squares)
 }
 
-/// The sum of squares where it depends on the order of adding: see [`ZoneStats`].
+/// Returns the sum of squares, for types where it depends on the order of summation: see
+/// [`ZoneStats`].
 fn pairwise_squares<V: Native>(block: &RowBlock) -> V::BlockSquares {
     let axes = block.form.axes();
     let cells = values::<V>(&block.levels[0].values);

@@ -1,9 +1,9 @@
-//! Builds the tree of one block of cells none of which is VOID: what most blocks of pictures are.
+//! Builds the tree of one block of cells without VOID, as most blocks of rasters are.
 //!
-//! As in [`block`](super::block), level after level is reduced to the next one in flat arrays. Without VOID all nodes of all
-//! levels are there, so that levels can be rows as the input is, and as dense blocks are: cells come in and go out by
-//! copying, and the kernels ([`means`], [`classes`], [`firsts`]) are loops over pairs of neighbours, which compilers make instructions
-//! for many at a time of.
+//! As in [`block`](super::block), each level is reduced to the next one in flat arrays. Without
+//! VOID, every level has all of its nodes. So levels can be stored in rows, like the input and like
+//! dense blocks: cells are copied in and out. The kernels ([`means`], [`classes`], [`firsts`]) are
+//! loops over pairs of adjacent nodes, which compilers vectorize.
 
 mod classes;
 mod encode;
@@ -30,23 +30,23 @@ pub(super) struct RowBlock {
     code: Code,
     /// Levels from the cells to the block's root.
     height: usize,
-    /// From the cells up; those above them once the block is reduced. Invariant: every level has all of its
-    /// nodes, and none is VOID. So the place of a node in its row tells where its children are, and no state
-    /// has to be kept beside whether it is uniform. Of a block with VOID the means would be those of whatever
-    /// stands there.
+    /// From the cells up; the levels above the cells exist once the block is reduced. Invariant:
+    /// every level has all of its nodes, and none is VOID. So a node's position in its row
+    /// determines the positions of its children, and the only state is whether it is uniform. In a
+    /// block with VOID, means would include the bytes of VOID cells.
     levels: Vec<RowLevel>,
 }
 
-/// The nodes of a level in rows: x runs fastest, then y, then z.
+/// The nodes of a level in rows: x fastest, then y, then z.
 struct RowLevel {
     /// The values' bytes.
     values: Vec<u8>,
-    /// 1 where all cells of a node are alike, 0 where they differ.
+    /// 1 where all cells of a node are equal, 0 where they differ.
     uniform: Vec<u8>,
 }
 
 impl RowLevel {
-    /// The values, with their width known at compile time.
+    /// Returns the values, with their width known at compile time.
     #[inline]
     fn values_of<R: Record>(&self) -> &[R::Bytes] {
         <[R::Bytes]>::ref_from_bytes(&self.values).expect("whole values")
@@ -54,32 +54,33 @@ impl RowLevel {
 }
 
 impl RowBlock {
-    /// Whether blocks without VOID and transparent cells can be built in rows by a rule.
+    /// Returns whether blocks without VOID and transparent cells can be built in rows for a rule.
     pub(super) fn supports(form: TreeType, rule: Rule, count_classes: bool) -> bool {
         match rule {
-            // (Without VOID occupancy is the mean. And nothing is transparent.)
+            // (Without VOID, the occupancy is the mean. Transparent cells are excluded by the
+            // caller.)
             Rule::Mean | Rule::Occupancy => !matches!(form.value.mask, Mask::Missing(_)) && !count_classes,
-            // (Whose bytes are in the order of the values.)
+            // (Only for bytes, whose order is the order of the values.)
             Rule::Majority => form.value == ValueType::new(SampleType::U8, 1),
             Rule::Nearest => count_classes && !form.value.sample.is_float(),
             Rule::Dominant | Rule::Min | Rule::Max => false,
         }
     }
 
-    /// The block under `code`, of `height` levels, from all its cells in rows.
+    /// Returns the block under `code`, of `height` levels, from all its cells in rows.
     pub(super) fn new(form: TreeType, code: Code, height: u8, cells: Vec<u8>) -> RowBlock {
         let uniform = vec![1; form.dimension.cells(height) as usize];
         debug_assert_eq!(cells.len(), uniform.len() * form.width());
         RowBlock { form, code, height: height.into(), levels: vec![RowLevel { values: cells, uniform }] }
     }
 
-    /// The bytes of all cells, before the block is built.
+    /// Returns the bytes of all cells, before the block is built.
     pub(super) fn cells_mut(&mut self) -> &mut [u8] {
         &mut self.levels[0].values
     }
 
-    /// Condenses and averages the block and turns it into records, with dense blocks of so many levels at most. The rule must be
-    /// one that is supported.
+    /// Condenses the block, computes representatives, and encodes it as records, with dense blocks
+    /// of at most `most_dense` levels. The rule must be a supported one.
     pub(super) fn build(mut self, rule: Rule, shape: &Shape, most_dense: u8) -> BuiltBlock {
         let form = self.form;
         let tally = match rule {
@@ -91,7 +92,8 @@ impl RowBlock {
         let mut counts = LevelCounts::default();
         counts.merge_below(self.code.level(), &below);
         let child = self.root();
-        // (Of the root, whoever merges it with its siblings counts all but what is below.)
+        // (The root itself is counted where it is merged with its siblings, so `counts` gets only
+        // the nodes below it.)
         let total = below.records() + u64::from(child.is_inner());
         let records = self.encode(0, most_dense);
         let mut part = Part { code: self.code, child, total, records, tally };
@@ -100,12 +102,12 @@ impl RowBlock {
         (part, sealed, counts)
     }
 
-    /// Nodes along each axis, `up` levels above the cells.
+    /// Returns the number of nodes along each axis, `up` levels above the cells.
     fn side(&self, up: usize) -> usize {
         1 << (self.height - up)
     }
 
-    /// Adds the level above the last one, without values, and tells which nodes are uniform.
+    /// Adds the level above the last one, with zeros as values, and marks its uniform nodes.
     fn push_level(&mut self) {
         let side = self.side(self.levels.len() - 1);
         let axes = self.form.axes();
@@ -118,14 +120,14 @@ impl RowBlock {
         self.levels.push(RowLevel { values: vec![0; nodes * self.form.width()], uniform });
     }
 
-    /// The level that was added last, and the one below it.
+    /// Returns the level below the last one, and the last one.
     fn last_two(&mut self) -> (&RowLevel, &mut RowLevel) {
         let last = self.levels.len() - 1;
         let (below, above) = self.levels.split_at_mut(last);
         (&below[last - 1], &mut above[0])
     }
 
-    /// The block's root, once it is reduced.
+    /// Returns the block's root, once the block is reduced.
     fn root(&self) -> Child<()> {
         let root = &self.levels[self.height];
         let value = Value::from_bytes(&root.values);
@@ -136,7 +138,7 @@ impl RowBlock {
         }
     }
 
-    /// Nodes of each level below the root, which is at level 0.
+    /// Returns the number of nodes of each level below the root, which is at level 0.
     fn counts(&self) -> LevelCounts {
         let mut counts = LevelCounts::default();
         let mut parents = 0;
@@ -153,15 +155,15 @@ impl RowBlock {
         counts
     }
 
-    /// The records of the levels from the root down to that `bottom` levels above the cells, where nodes that are not uniform
-    /// are cut off. Nothing if the root is uniform.
+    /// Returns the records of the levels from the root down to the level `bottom` levels above the
+    /// cells. Nodes there that are not uniform become CUT. Returns nothing if the root is uniform.
     fn encode(&self, bottom: usize, most_dense: u8) -> Vec<u8> {
         with_record_type!(RecordLayout::new(self.form), R => encode::encode::<R>(&self.levels, bottom, most_dense))
     }
 }
 
-/// The rows of children of a row of nodes, in child order; quadtrees have two, and two empty ones. `side` is the number of
-/// children along each axis.
+/// Returns the rows of children of a row of nodes, in child order; quadtrees have two, and two
+/// empty ones. `side` is the number of children along each axis.
 #[inline]
 fn child_rows<T>(axes: usize, side: usize, children: &[T], row: usize) -> [&[T]; 4] {
     let row_at = |row: usize| &children[row * side..][..side];
@@ -174,21 +176,21 @@ fn child_rows<T>(axes: usize, side: usize, children: &[T], row: usize) -> [&[T];
     [at(0, 0), at(1, 0), at(0, 1), at(1, 1)]
 }
 
-/// [`child_rows`] as pairs of neighbours.
+/// [`child_rows`] as pairs of adjacent children.
 #[inline]
 fn child_pairs<T>(axes: usize, side: usize, children: &[T], row: usize) -> [&[[T; 2]]; 4] {
     let [a, b, c, d] = child_rows(axes, side, children, row);
     [a.as_chunks().0, b.as_chunks().0, c.as_chunks().0, d.as_chunks().0]
 }
 
-/// Neighbours in a row of bytes, as numbers of two bytes whose lower ones are the first: to join them one is moved to the
-/// other, for which there are instructions for many at a time.
+/// Returns pairs of adjacent bytes in a row as numbers of two bytes, with the first in the lower
+/// byte. Shifting one byte onto the other joins them, for which there are vector instructions.
 #[inline]
 fn neighbours(row: &[u8]) -> impl Iterator<Item = u16> {
     row.as_chunks().0.iter().map(|pair| u16::from_le_bytes(*pair))
 }
 
-/// Tells which nodes are uniform: those whose children are, and are alike.
+/// Marks the uniform nodes: those whose children are uniform and equal.
 #[inline]
 fn mark_uniform<B: Copy + PartialEq>(
     axes: usize,
@@ -196,7 +198,8 @@ fn mark_uniform<B: Copy + PartialEq>(
     (values, below): (&[B], &[u8]),
     uniform: &mut [u8],
 ) {
-    // Whether the cells of a column are alike, and those of two columns in the first row.
+    // For each column: whether its cells are equal, and whether the first row's cell equals that of
+    // the next column.
     let (mut columns, mut alike) = (vec![0; side], vec![0; side]);
     for (row, uniform) in uniform.chunks_exact_mut(side / 2).enumerate() {
         columns.fill(1);
@@ -218,7 +221,8 @@ fn mark_uniform<B: Copy + PartialEq>(
     }
 }
 
-/// Makes one of all the children of each node, in child order: neighbours along x, then along y, then along z.
+/// Combines all children of each node into one, in child order: adjacent ones along x, then along
+/// y, then along z.
 #[inline]
 fn reduce<T: Copy, S: Copy>(
     axes: usize,

@@ -1,4 +1,4 @@
-//! Blocks in rows against blocks in Z order.
+//! Compares blocks in rows with blocks in Z order.
 
 use super::super::block::Block;
 use super::super::sink::BuiltBlock;
@@ -10,13 +10,13 @@ use spinney_container::MAX_DENSE_LEVELS;
 
 const DEPTH: u8 = 9;
 
-/// The numbers of a linear congruential generator.
+/// Returns the next number of a linear congruential generator.
 fn random(state: &mut u64) -> u64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     *state >> 33
 }
 
-/// A slab of one block, whose cells are like neighbours' here and there.
+/// Returns a slab of one block, with some uniform areas.
 fn slab(form: TreeType, first: [u64; 3], side: u64, spread: u64) -> Slab {
     let size = std::array::from_fn(|axis| if axis < form.axes() { side } else { 1 });
     let mut state = spread;
@@ -25,7 +25,8 @@ fn slab(form: TreeType, first: [u64; 3], side: u64, spread: u64) -> Slab {
         for y in 0..size[1] {
             for x in 0..size[0] {
                 for channel in 0..u64::from(form.value.channels) {
-                    // A quarter is noise, a quarter in squares, the rest uniform but for single cells.
+                    // One quarter is noise, one quarter squares, the rest uniform except for single
+                    // cells.
                     let noise = random(&mut state);
                     let number = match (x * 2 / side, y * 2 / side) {
                         (0, 0) => noise % spread,
@@ -93,7 +94,8 @@ fn blocks_in_rows_are_those_in_z_order() {
             .into_iter()
             .enumerate()
             {
-                // (Of large blocks, means and every second of the others, of each type those that the next one has not.)
+                // (Of large blocks, only means and every second of the others, alternating between
+                // types.)
                 if reach > 2 && number > 0 && (type_number + number).is_multiple_of(2) {
                     continue;
                 }
@@ -112,7 +114,7 @@ fn blocks_in_rows_are_those_in_z_order() {
                 let (part, sealed, counts) = rows.build(rule, &shape, MAX_DENSE_LEVELS);
                 let (other, other_sealed, other_counts) = in_z_order(block, rule, count_classes, &shape);
                 assert!(part.records == other.records, "{name}: records");
-                // (As text: not a number is not equal to itself.)
+                // (As strings, because NaN is not equal to itself.)
                 assert_eq!(format!("{:?}", part.tally), format!("{:?}", other.tally), "{name}");
                 assert_eq!((part.child, part.total), (other.child, other.total), "{name}");
                 assert_eq!(counts, other_counts, "{name}");
