@@ -1,4 +1,5 @@
-//! The name by which programs find the library: that of its ABI, so that one that has changed is not taken for it.
+//! Sets the name by which programs find the library. It has the ABI version, so that an
+//! incompatible library is not loaded.
 
 fn main() {
     println!("cargo::rerun-if-changed=build.rs");

@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Tests of the C interface as C and C++ programs, pkg-config and GDAL use it:
+# Tests the C interface as C and C++ programs, pkg-config and GDAL use it:
 #
 #     capi/test.sh
 #
-# Installs GDAL and its headers where they are not there (Debian's or Ubuntu's package sources). The driver is not tested,
-# and that is said, where they cannot be had.
+# Installs GDAL and its headers if they are missing (from the package sources of Debian or Ubuntu).
+# Where that is impossible, a message says that the driver is not tested.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
@@ -15,7 +15,7 @@ fail() {
     echo "capi/test.sh: $*" >&2
     exit 1
 }
-# Installs packages of the system, one script at a time; what is known of them may have to be brought up to date first.
+# Installs system packages, one script at a time. Updates the package lists if the first try fails.
 install() {
     flock Cargo.toml apt-get install -y -qq "$@" > /dev/null 2>&1 ||
         { flock Cargo.toml apt-get update -qq > /dev/null 2>&1 && flock Cargo.toml apt-get install -y -qq "$@" > /dev/null 2>&1; }
@@ -131,7 +131,7 @@ if ! command -v gdalinfo > /dev/null && ! install gdal-bin; then
     exit 0
 fi
 if ! command -v gdal-config > /dev/null && ! install libgdal-dev; then
-    # Its headers alone, where the packages that it comes with cannot be had.
+    # Only the headers, if the dependencies of the package cannot be installed.
     headers=$(realpath "$target")/gdal-headers
     mkdir -p "$headers"
     if [ ! -d "$headers/usr/include/gdal" ] &&
@@ -147,7 +147,7 @@ capi/gdal/build.sh "$work/prefix" > /dev/null
 export GDAL_DRIVER_PATH=$work/prefix/lib/gdalplugins
 [[ $(gdalinfo --formats) == *Spinney* ]] || fail 'GDAL does not know the driver'
 raw() { gdal_translate -q -of ENVI "$@"; }
-# What GDAL reads by its own ways: from servers, in archives, in memory.
+# Files in GDAL's virtual file systems: on servers, in archives, in memory.
 python3 tests/servers/ranges.py $fixtures > "$work/url" &
 server=$!
 trap 'kill $server; rm -rf "$work"' EXIT
@@ -185,11 +185,11 @@ for name in ["classes", "elevation", "rgb"]:
     assert ours.get("geoTransform") == theirs.get("geoTransform"), name
     assert [band["type"] for band in ours["bands"]] == [band["type"] for band in theirs["bands"]], name
     assert [band.get("noDataValue") for band in ours["bands"]] == [band.get("noDataValue") for band in theirs["bands"]], name
-    # (In a TIFF file there are 256 colours, whether there is a value for them or not.)
+    # (A TIFF file has 256 colours, used or not.)
     colours = lambda told: told["bands"][0].get("colorTable", {"entries": []})["entries"]
     assert colours(ours) == colours(theirs)[: len(colours(ours))], name
     assert bool(colours(ours)) == bool(colours(theirs)), name
-    # (The name, and the number at the end: PROJ's and GeoTIFF's ways to tell of a datum differ.)
+    # (The name, and the number at the end: PROJ and GeoTIFF describe datums differently.)
     system = lambda told: [told.get("coordinateSystem", {}).get("wkt", "-").splitlines()[at] for at in [0, -1]]
     assert system(ours) == system(theirs), (name, system(ours), system(theirs))
     for band, known in zip(ours["bands"], stats["channels"]):
@@ -203,7 +203,8 @@ for name in ["classes", "elevation", "rgb"]:
         expected.append([width, height])
     assert sizes == expected, (name, sizes, expected)
 END
-# Overviews are levels, the last of them no larger than a block. Windows are the same whether they come by the cache of blocks or past it.
+# Overviews are levels; the last one is no larger than a block. Windows have the same samples
+# through the block cache and without it.
 for name in elevation rgb; do
     gdal_translate -q -outsize 1100 700 -r bilinear "$work/$name.tif" "$work/large.tif"
     "$spinney" build -q "$work/large.tif" -o "$work/large.goblin"
@@ -237,11 +238,11 @@ for band, (own, other) in enumerate(zip(ours, theirs)):
     assert (own["computedMin"], own["computedMax"]) == (other["computedMin"], other["computedMax"]), (band, own, other)
     if own["type"] == "Byte":
         assert own["histogram"]["buckets"] == other["histogram"]["buckets"], band
-    # (GDAL's own are of an overview, or of some blocks, where they may be approximate.)
+    # (GDAL computes approximate statistics from an overview, or from some blocks.)
     assert cells == channels[band]["cells"], (band, cells)
 END
 done
-# Coordinate systems without a number reach GDAL.
+# GDAL gets coordinate systems without an EPSG code.
 for definition in '+proj=laea +lat_0=45 +lon_0=-100 +R=6370997' \
     '+proj=tmerc +lat_0=0 +lon_0=9.5 +k=0.9999 +x_0=123456 +ellps=bessel +towgs84=598,73,418,0.2,0.045,-2.4,6.7' \
     '+proj=stere +lat_0=-90 +lat_ts=-70 +a=6378273 +rf=298.279411123064'; do
@@ -250,19 +251,20 @@ for definition in '+proj=laea +lat_0=45 +lon_0=-100 +R=6370997' \
     told=$(gdalinfo -json "$work/own.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["coordinateSystem"]["wkt"])')
     [ "$(place "$told")" = "$(place "$definition")" ] || fail "$definition: another system through GDAL: $told"
 done
-# One that nobody understands is told.
+# An unknown definition is reported.
 "$spinney" build -q "$work/elevation.tif" -o "$work/own.goblin" --crs '{"type":"OtherCRS","name":"a yard"}' 2> /dev/null
 gdalinfo "$work/own.goblin" > "$work/own.txt" 2>&1
 grep -q 'SPINNEY_CRS=.*a yard' "$work/own.txt" || fail 'no definition through GDAL'
 grep -q 'Warning.*SPINNEY_CRS' "$work/own.txt" || fail 'no warning through GDAL'
 [[ $(gdalinfo "$fixtures/history.autumn@1") == *SPINNEY_COMMIT=1* ]] || fail 'no commit through GDAL'
-# What is VOID is masked where there is no number for it.
+# VOID cells are masked if there is no nodata number.
 "$spinney" transform -q $fixtures/rgb.goblin rotate=30 -o "$work/turned.goblin"
 [[ $(gdalinfo "$work/turned.goblin") == *PER_DATASET* ]] || fail 'no mask through GDAL'
 raw -b mask "$work/turned.goblin" "$work/mask.img"
 cells=$("$spinney" stats --json "$work/turned.goblin" | python3 -c 'import json, sys; print(json.load(sys.stdin)["cells"])')
 [ "$(tr -dc '\377' < "$work/mask.img" | wc -c)" = "$cells" ] || fail 'another mask through GDAL'
-# Layers: all of a file, on the cells of the finest, also where larger cells are cut by its border, and where a layer does not reach.
+# Layers: all layers of a file, on the cells of the finest, also where its border cuts larger cells,
+# and outside of a layer.
 place() { gdal_translate -q -a_srs EPSG:32628 "$@"; }
 place -outsize 601 403 -r bilinear -a_ullr 0 403 601 0 "$work/elevation.tif" "$work/fine.tif"
 place -outsize 301 202 -a_ullr 0 403 602 -1 "$work/rgb.tif" "$work/half.tif"
@@ -275,7 +277,7 @@ place -srcwin 0 0 50 40 -a_ullr 0 403 50 363 "$work/rgb.tif" "$work/part.tif"
 python3 capi/gdal/layers.py "$spinney" "$work" $fixtures/stack.goblin $fixtures/stack.autumn "$work/layers.goblin" "$work/layers.autumn"
 [[ $(gdalinfo "$fixtures/stack.autumn@1") == *"stack.autumn@1:label"* ]] || fail 'no layers of a commit through GDAL'
 gdalinfo "$fixtures/stack.autumn@1:label" > /dev/null || fail 'no layer of a commit through GDAL'
-# Bands of several types at once, by the cache and past it.
+# Bands of several types at once, through the cache and without it.
 for cache in 0 64; do
     for bands in '-b 2 -b 1' '-b 3 -b 4 -b 2 -b 5 -b 5 -b 1'; do
         # shellcheck disable=SC2086 # several words

@@ -1,13 +1,15 @@
-//! Quadtrees and octrees on disk: rasters, elevation models, volumes and 3D models that are larger than memory, in one file with every
-//! level of detail, queried straight from that file.
+//! Stores rasters, elevation models, volumes and 3D models that are larger than memory as quadtrees
+//! and octrees: one file with every level of detail, queried directly from disk.
 //!
-//! A quadtree halves a raster along both axes until a block has one value all over; an octree does the same with three axes.
-//! A block with more detail stores one value that represents it, its *representative*, so that coarse views are read from
-//! the upper levels and never touch the cells.
+//! A quadtree splits a raster in half along both axes until each block has a single value; an
+//! octree does the same with three axes. A block with more detail stores one value that represents
+//! it, its *representative*, so that coarse views are read from the upper levels and never touch
+//! the cells.
 //!
 //! # A tour
 //!
-//! A GeoTIFF becomes a tree, which returns windows of any size at any level, and exact statistics of any region:
+//! A GeoTIFF becomes a tree, which returns windows of any size at any level, and exact statistics
+//! of any region:
 //!
 //! ```
 //! # #[cfg(feature = "raster")]
@@ -19,7 +21,7 @@
 //! build("fixtures/island_classes.tif", &path)?;
 //! let map = open(&path)?;
 //!
-//! // Cells of 8 x 8 pixels: the classes that cover most of each.
+//! // Cells of 8 x 8 pixels: the majority class of each.
 //! let level = map.depth() - 3;
 //! let mut classes = [0; 4 * 3];
 //! map.window(level, &Bounds { min: [20, 20, 0], max: [24, 23, 1] }, 0.0, &mut classes, None)?;
@@ -34,57 +36,59 @@
 //! # fn main() {}
 //! ```
 //!
-//! # Where to look
+//! # Overview
 //!
 //! | to | use |
 //! | --- | --- |
-//! | open a file, or a view of one, and query it | [`open()`], [`Dataset`], with requests and results in [`query`] |
-//! | make a tree of another file | [`build()`]; with options, progress and cancellation `import` |
-//! | make a tree of data that is in no file | [`tree::Slabs`] (blocks of samples), [`tree::Source`] (anything that can be traversed from the root down) |
+//! | open and query a file, or a view of one | [`open()`], [`Dataset`], [`query`] |
+//! | build a tree from another file | [`build()`]; with options and progress `import` |
+//! | build a tree from blocks of samples | [`tree::Slabs`] |
+//! | build a tree from a hierarchical source | [`tree::Source`] |
 //! | write a tree in another format, draw it | `export`, `style` |
-//! | crop, scale, rotate, reproject or calculate | [`transform`] with [`ViewStep`]s, or [`Dataset::view`] without a file |
-//! | merge trees: union, intersection, difference, minimum, changes | [`combine`] with a [`SetOperation`] or a [`CombineOperation`] |
+//! | crop, scale, rotate, reproject, calculate | [`transform`], [`ViewStep`], [`Dataset::view`] |
+//! | merge or compare trees | [`combine`], [`SetOperation`], [`CombineOperation`] |
 //! | edit a file, and read its history | [`edit`](mod@edit), [`convert`] |
 //! | query and combine exact models | `ExactModel`, `brep` |
 //! | query points and lines | `points`, `lines` |
 //! | read and write files on web servers and in buckets | `remote` |
 //! | serve files and tiles | `serve` |
 //!
-//! [`raw`] has the building blocks below all of this. They may change with any version.
+//! [`raw`] exposes the building blocks of this API. They may change with any version.
 //!
 //! # The two formats
 //!
-//! - Goblin: compact and read-only. Records of one size are stored in preorder in segments, which an index finds; each segment has
-//!   statistics of its cells.
-//! - Autumnal: pointered and edited. Files are append-only; a commit is durable when it returns, and every
-//!   commit stays readable. Outputs whose names end with `.autumn` get this format.
+//! - Goblin: compact and read-only. Fixed-size records are stored in preorder in segments. An index
+//!   locates the segments, and each segment has statistics of its cells.
+//! - Autumnal: records with pointers, editable. Files are append-only; a commit is durable when it
+//!   returns, and every commit stays readable. Outputs whose names end with `.autumn` get this
+//!   format.
 //!
-//! Both are specified in `formats.md`, and [`open()`] opens both. A Goblin file may hold an exact model instead of a tree of
-//! cells: `ExactModel` opens it.
+//! Both are specified in `formats.md`, and [`open()`] opens both. A Goblin file may hold an exact
+//! model instead of a tree of cells: `ExactModel` opens it.
 //!
 //! # Features
 //!
-//! Without any, the library is the trees of cells and their two formats alone.
+//! Without any feature, the library has only the trees of cells and their two formats.
 //!
 //! | feature | what it adds |
 //! | --- | --- |
-//! | `raster` | readers and writers of raster files, volumes and lists of cells; styles, tiles, cloud-optimized GeoTIFF |
+//! | `raster` | rasters, volumes, lists of cells; styles, tiles, cloud-optimized GeoTIFF |
 //! | `brep` | exact models, bintrees and BSP trees |
-//! | `mesh` | readers and writers of meshes, solids made of them, glTF and 3D Tiles (with `brep`) |
+//! | `mesh` | readers and writers of meshes, solids, glTF and 3D Tiles (with `brep`) |
 //! | `shards` | trees that many processes build (with `mesh` and `raster`) |
 //! | `reconstruction` | solids of images and of outlines (with `mesh`, `raster` and `vector`) |
 //! | `render` | images of solids (with `mesh` and `raster`) |
 //! | `lines` | trees of lines |
 //! | `points` | trees of points; readers and writers of LAS and LAZ |
 //! | `vector` | readers and writers of features (with `brep`, `lines` and `points`) |
-//! | `mbtiles` | MBTiles archives and GeoPackages: SQLite, which needs a C compiler (with `raster` and `vector`) |
+//! | `mbtiles` | MBTiles and GeoPackage: SQLite needs a C compiler (with `raster`, `vector`) |
 //! | `meshopt` | compressed glTF (with `mesh`) |
 //! | `flatgeobuf` | features in FlatGeobuf (with `vector`) |
 //! | `site` | pages that show files in a browser |
 //! | `remote` | files on web servers and in buckets: read in ranges, uploaded |
 //! | `report` | results as JSON (with `vector`) |
-//! | `serve` | a server of files and answers (with `raster` and `report`) |
-//! | `libwebp` | lossy WebP tiles: libwebp, which needs a C compiler (with `raster`) |
+//! | `serve` | a server of files and query results (with `raster` and `report`) |
+//! | `libwebp` | lossy WebP tiles by libwebp: needs a C compiler (with `raster`) |
 //! | `cli` | the program `spinney`, with all of these but `libwebp`; the default |
 
 pub mod raw;
@@ -116,19 +120,20 @@ pub mod query {
     pub use spinney_overlay::Polygon;
 }
 
-/// Trees of data that is in no file: sources that are traversed from the root down, blocks of samples, and the tree in memory.
+/// Trees of data that is not in a file: sources that are traversed from the root down, blocks of
+/// samples, and the in-memory tree.
 pub mod tree {
     pub use spinney_engine::store::{Slab, Slabs, build_slabs, build_source};
     pub use spinney_engine::tree::{Child, Children, MemTree, NodeState, Source};
 }
 
-/// Edits of Autumnal files, and their history.
+/// Edits and history of Autumnal files.
 pub mod edit {
     pub use spinney_engine::ops::{CellValue, Edit, FillRegion, edit};
     pub use spinney_engine::store::autumnal::{Commit, Editor, Note};
 }
 
-/// Readers of other formats: each has a function that plans the import, and a plan that builds the tree.
+/// Readers of other formats. Each has a function that plans the import; the plan builds the tree.
 pub mod import {
     /// Rasters: GeoTIFF, PNG, JPEG, WebP, EXR, HGT, VRT.
     #[cfg(feature = "raster")]
@@ -227,11 +232,15 @@ pub mod serve {
 
 use std::path::Path;
 
-/// Makes a tree of a raster file (layers of bands that are no one value), a volume, or another tree: a `.goblin` file, or an `.autumn` file, which can be edited. Data that do not fit into
-/// memory go to a temporary file next to the output, which appears when it is complete.
+/// Builds a tree from a raster file, a volume, or another tree.
 ///
-/// [`import::raster::plan`] and [`import::volume::plan`] take options, and report in advance what will be built. Meshes become solids
-/// by `import::mesh::plan_models`, or exact models by `import::mesh::import_exact`.
+/// The output's name selects the format: `.goblin`, or `.autumn`, which can be edited. Bands that
+/// cannot form one value become layers. Data that do not fit into memory go to a temporary file
+/// next to the output. The output appears when it is complete.
+///
+/// [`import::raster::plan`] and [`import::volume::plan`] take options, and report in advance what
+/// will be built. `import::mesh::plan_models` builds solids from meshes,
+/// `import::mesh::import_exact` exact models.
 ///
 /// ```
 /// # let folder = tempfile::tempdir().unwrap();
@@ -242,13 +251,14 @@ use std::path::Path;
 /// ```
 ///
 /// # Errors
-/// If the input cannot be read, is of no such format, is corrupt or uses something unsupported, or if the output cannot be written.
+/// If the input cannot be read, has an unknown format, is corrupt or uses an unsupported feature,
+/// or if the output cannot be written.
 #[cfg(feature = "raster")]
 pub fn build(input: impl AsRef<Path>, output: impl AsRef<Path>) -> Result<()> {
     build_tree(input.as_ref(), output.as_ref())
 }
 
-/// Implements [`build`], once for all types of paths.
+/// Implements [`build`], instantiated once for all path types.
 #[cfg(feature = "raster")]
 fn build_tree(input: &Path, output: &Path) -> Result<()> {
     use spinney_container::{create_tree_file, file_is_tree};
@@ -277,8 +287,8 @@ fn build_tree(input: &Path, output: &Path) -> Result<()> {
     raster.build(create_tree_file(output, &FileAccess::default())?, &())
 }
 
-/// Opens a tree file of either format and any type, or a commit of one: `map.autumn@12` is commit 12 of `map.autumn`.
-/// [`open_with`] takes options.
+/// Opens a tree file of either format and any type, or a commit: `map.autumn@12` is commit 12 of
+/// `map.autumn`. [`open_with`] takes options.
 ///
 /// ```
 /// let map = spinney::open("fixtures/v1/classes.goblin")?;
@@ -288,15 +298,15 @@ fn build_tree(input: &Path, output: &Path) -> Result<()> {
 /// ```
 ///
 /// # Errors
-/// If it cannot be read, is no tree file, is corrupt, or of a newer version.
+/// If the file cannot be read, is not a tree file, is corrupt, or has a newer version.
 pub fn open(path: impl AsRef<Path>) -> Result<Dataset> {
     open_with(path, &OpenOptions::new())
 }
 
-/// Opens what [`open`] opens, with options.
+/// Opens a tree file or a commit with options; see [`open`].
 ///
 /// # Errors
-/// Those of [`open`].
+/// The errors of [`open`].
 pub fn open_with(path: impl AsRef<Path>, options: &OpenOptions) -> Result<Dataset> {
     spinney_engine::dataset::open(path.as_ref(), options)
 }

@@ -1,7 +1,8 @@
-//! Building blocks without a promise: all that the program, the bindings and the tests of Spinney use and that is not part of the interface of the
-//! library. Names in here may change with any version.
+//! Building blocks without a stability promise: everything that the program, the bindings and the
+//! tests of Spinney use and that is not in the library's public interface. Any version may change
+//! names in this module.
 
-/// Codes and boxes of nodes, and where the cells lie in the world.
+/// Node codes and boxes, and the georeferencing of cells.
 pub mod space {
     pub use spinney_base::space::{Cell, CodeRun, Cover, Up};
     pub use spinney_crs::{
@@ -10,14 +11,15 @@ pub mod space {
     };
 }
 
-/// Values of cells: samples, values whose type is known at run time, what many cells add up to, and how coarse levels get theirs.
+/// Cell values: samples, dynamically typed values, sums over many cells, and the rules for coarse
+/// levels.
 pub mod value {
     pub use spinney_base::value::{
         DoubleDouble, Mask, Numbers, Palette, Sample, Samples, SquareSum, Sums, ZoneStats,
     };
 }
 
-/// Files: read where they are mapped, at positions, or in ranges from elsewhere, written whole or not at all.
+/// File access: mapped reads, positioned reads, remote range reads, and atomic writes.
 pub mod io {
     pub use spinney_base::io::{
         CachedBytes, CompletionRecord, DEFAULT_GAP, Faults, Fetch, FileBytes, FileId, FileStat, FileVersion,
@@ -33,17 +35,17 @@ pub mod io {
     }
 }
 
-/// Sources: everything that can be walked from the root down; the tree in memory.
+/// Sources, which can be traversed from the root down, and the in-memory tree.
 pub mod tree {
     pub use spinney_engine::tree::{CellBlock, no_children};
 
-    /// DF-expressions: trees as text and as bits.
+    /// DF-expressions: trees in text form and in binary form.
     pub mod df {
         pub use spinney_engine::tree::df::{Packed, from_packed, from_text, to_packed, to_text};
     }
 }
 
-/// Trees on disk: the two formats, what they have in common, and how trees are built.
+/// Trees on disk: the two formats, their common code, and the builders.
 pub mod store {
     pub use spinney_container::{
         ByteSource, FileReference, Finding, LevelCounts, PieceSummary, ScopedTags, Shape, ShardSummary, Tag,
@@ -60,7 +62,7 @@ pub mod store {
         };
     }
 
-    /// The pointered format, which is edited and has a history.
+    /// The format with pointers, which can be edited and has a history.
     pub mod autumnal {
         pub use spinney_engine::store::autumnal::{
             Autumnal, AutumnalNode, CommitLayer, CompactOptions, History, Keep, WriteSummary, compact,
@@ -68,7 +70,7 @@ pub mod store {
         };
     }
 
-    /// Stored records that a source may offer to builders besides its cells.
+    /// Stored records that a source may offer to builders in addition to its cells.
     pub mod builder {
         pub use spinney_engine::store::builder::{
             FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, Overlay, RecordFile,
@@ -76,14 +78,14 @@ pub mod store {
         };
     }
 
-    /// Records of segments, as they stand in files.
+    /// Records of segments, as stored in files.
     pub mod records {
         pub use spinney_container::{CUT, INNER, LEAF, VOID};
         pub use spinney_engine::store::records::{RecordHead, RecordLayout};
     }
 }
 
-/// Trees that are built in shards, by many processes.
+/// Sharded builds: trees that many processes build.
 #[cfg(feature = "shards")]
 pub mod shards {
     pub use spinney_shards::{
@@ -91,7 +93,7 @@ pub mod shards {
     };
 }
 
-/// Questions to trees: what is asked, and what is answered.
+/// Queries of trees: requests and results.
 pub mod query {
     pub use spinney_engine::ops::{Label, LabelNeighbour, LabelRequest, LabelSummary, LabelVisitor};
     pub use spinney_engine::query::{
@@ -99,7 +101,7 @@ pub mod query {
         SolidSurface, StoredRows, ZoneChannel, ZoneValues,
     };
 
-    /// Cells of a level, block by block, with those around them.
+    /// Blocks of a level's cells, with their neighbours.
     pub mod cell_blocks {
         pub use spinney_engine::query::cell_blocks::{
             Block, BlockAttribute, BlockAttributeValues, BlockState, CellBlocks, SIDE, SourceBlocks,
@@ -108,7 +110,8 @@ pub mod query {
     }
 }
 
-/// Operations as sources, and from files to files: views, other coordinate systems, set operations, edits, conversions.
+/// Operations as sources, and from files to files: views, reprojection, set operations, edits,
+/// conversions.
 pub mod ops {
     pub use spinney_engine::ops::{
         AffineMap, Around, Axis, BlockSource, Blockwise, Calculated, Calculation, CellPatch, Change,
@@ -128,12 +131,12 @@ pub mod manifest {
     pub use spinney_manifest::{FileTag, ListedFile, Manifest, is_manifest};
 }
 
-/// A file, or a view of one, with every question.
+/// A file, or a view of one, with every query.
 pub mod dataset {
     pub use spinney_engine::dataset::{Rebuild, open, open_view};
 }
 
-/// Exact models: boundary representations on an integer grid, kept as they are and not as cells.
+/// Exact models: boundary representations on an integer grid, stored unchanged, not as cells.
 #[cfg(feature = "brep")]
 pub mod brep {
     pub use spinney_brep::{
@@ -144,7 +147,7 @@ pub mod brep {
         is_model_file, object_contacts,
     };
 
-    /// Answers of exact models.
+    /// Query results of exact models.
     pub mod query {
         pub use spinney_brep::query::{
             CellCoverage, Coverage, CoverageSums, Crossing, Cube, Line, MassSums, ModelRays, Nearest,
@@ -152,7 +155,7 @@ pub mod brep {
         };
     }
 
-    /// Lines, points and areas that the surfaces of two models have in common.
+    /// Lines, points and areas that the surfaces of two models share.
     pub mod surface_intersection {
         pub use spinney_brep::surface_intersection::{
             IntersectionArea, IntersectionLine, IntersectionPoint, LineKind, SurfaceIntersection,
@@ -160,13 +163,14 @@ pub mod brep {
         };
     }
 
-    /// How faces hang together.
+    /// Connectivity of faces.
     pub mod topology {
         pub use spinney_brep::topology::{Counts, Euler, EulerBody, EulerCorner, Topology, TopologyOptions};
     }
 }
 
-/// Trees of points: each once, in the coarsest node whose spacing it keeps, with attributes; LAS and LAZ in and out.
+/// Trees of points with attributes: each point is stored once, in the coarsest node whose spacing
+/// it keeps. Reads and writes LAS and LAZ.
 #[cfg(feature = "points")]
 pub mod points {
     pub use spinney_points::las::{LasFiles, LasReader};
@@ -180,7 +184,8 @@ pub mod points {
     pub use spinney_vector::{CellRule, PointRaster, rasterize_points, region_of_polygons};
 }
 
-/// Trees of lines: each piece of a line once, in the deepest node that is no smaller than it and has its middle, and the features with their attributes.
+/// Trees of lines, and the features with their attributes. Each line segment is stored once, in the
+/// deepest node that contains its middle and is no smaller than it.
 #[cfg(feature = "lines")]
 pub mod lines {
     pub use spinney_lines::{
@@ -193,19 +198,21 @@ pub mod lines {
     };
 }
 
-/// Solids of primitives that are moved and combined, as a text tells them: octrees, and exact models.
+/// Constructive solid geometry (CSG) from a text format: octrees, and exact models.
 #[cfg(feature = "csg")]
 pub mod csg {
     pub use spinney_csg::{Csg, CsgExactOptions, CsgExactReport, CsgImport, import_exact_csg};
 }
 
-/// Solids of what was seen of them: octrees that are carved by pictures from known directions, and of outlines at heights.
+/// Solids reconstructed from observations: octrees carved by images with known view directions, or
+/// by outlines at heights.
 #[cfg(feature = "reconstruction")]
 pub mod reconstruction {
     pub use spinney_reconstruction::{ReconstructionImport, is_views_name, plan_outlines, plan_views};
 }
 
-/// Polygons with holes on an integer grid: against octants, into triangles, and as single rings. Exact, in integers.
+/// Polygons with holes on an integer grid: intersection with octants, triangulation, and splitting
+/// into single rings. Computes exactly, in integers.
 #[cfg(feature = "brep")]
 pub mod geometry {
     pub use spinney_brep::geometry::{
@@ -213,7 +220,8 @@ pub mod geometry {
     };
 }
 
-/// Trees that divide space in two: bintrees, which halve blocks of cells, and BSP trees of the plane and of space.
+/// Binary space partitions: bintrees, which halve blocks of cells, and BSP trees of the plane and
+/// of space.
 #[cfg(feature = "brep")]
 pub mod partitions {
     pub use spinney_partitions::bintree::{Bintree, BintreeNode, Halving, MAX_CELLS};
@@ -234,7 +242,7 @@ pub mod tin {
     };
 }
 
-/// How values become colours, whatever is drawn.
+/// Colours of values, for all drawings.
 #[cfg(feature = "raster")]
 pub mod style {
     pub use spinney_style::{
@@ -242,7 +250,7 @@ pub mod style {
     };
 }
 
-/// Readers of other programs' files.
+/// Readers of other programs' formats.
 pub mod import {
     /// Lists of cells and their values.
     #[cfg(feature = "raster")]
@@ -277,7 +285,7 @@ pub mod import {
         };
     }
 
-    /// Picture files.
+    /// Raster files.
     #[cfg(feature = "raster")]
     pub mod raster {
         pub use spinney_raster::import::{
@@ -300,7 +308,7 @@ pub mod import {
     }
 }
 
-/// Writers of other programs' files.
+/// Writers of other programs' formats.
 pub mod export {
     #[cfg(feature = "raster")]
     pub use spinney_raster::{
@@ -310,7 +318,7 @@ pub mod export {
     #[cfg(feature = "render")]
     pub use spinney_render::{CameraProjection, DrawingFormat, DrawingStyle, draw_cells, draw_exact};
 
-    /// Pictures and arrays, written row by row.
+    /// Images and arrays, written row by row.
     #[cfg(feature = "raster")]
     pub mod image {
         pub use spinney_raster::image::{Format, ImageSpec, RowWriter, create, format_of};
@@ -333,7 +341,7 @@ pub mod export {
         };
     }
 
-    /// Tiles of maps.
+    /// Map tiles.
     #[cfg(feature = "raster")]
     pub mod tiles {
         pub use spinney_raster::tile_archives::{
@@ -358,7 +366,7 @@ pub mod export {
     }
 }
 
-/// Answers as JSON, as the program prints them and the server sends them.
+/// Results as JSON, as the program prints them and the server sends them.
 #[cfg(feature = "report")]
 pub mod report {
     pub use spinney_report::{

@@ -1,4 +1,5 @@
-// Measures the body of an exact model, and asks where a point beside the least corner of its bounds lies:
+// Measures the body of an exact model, and locates a point next to the minimum corner of its
+// bounds:
 //
 //     body model.goblin
 
@@ -29,7 +30,7 @@ int main(int count, char **words) {
   } else if (spinney_model_bounds(model, &bounds) != SPINNEY_OK) {
     fail("find the bounds");
   } else {
-    // Beside the least corner.
+    // Next to the minimum corner.
     const double point[3] = {bounds[0] + 0.1, bounds[1] + 0.1, bounds[2] + 0.1};
     if (spinney_model_locate(model, point, 1, &place, 1) != SPINNEY_OK ||
         spinney_model_distance(model, point, 1, &distance, 1) != SPINNEY_OK) {

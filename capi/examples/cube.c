@@ -1,9 +1,10 @@
-// Builds an exact model of a cube of arrays, tells its volume, and cuts it half way up:
+// Builds an exact model of a cube from arrays, prints its volume, and cuts it half way up:
 //
 //     cube model.goblin [open|twice]
 //
-// With `open` a triangle is left out: then it is no body, and the places are told. With `twice` there is a second cube, half of which stands in
-// the first, and what is in both counts as outside: that changes the volume, of which the library warns.
+// With `open` a triangle is missing: the surface bounds no body, and the locations are reported.
+// With `twice` there is a second cube, which overlaps half of the first. Their intersection counts
+// as outside: that changes the volume, and the library warns.
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,7 +17,7 @@ static int fail(const char *doing) {
   return 1;
 }
 
-// Tells the rings in which the plane z = 1 cuts a model.
+// Prints the rings of a model's section by the plane z = 1.
 static int cut(const spinney_model *model) {
   const double point[3] = {0, 0, 1}, normal[3] = {0, 0, 1};
   size_t ring_count, point_count;

@@ -1,4 +1,4 @@
-// Tells the layers of a file: number, name, depth and the mean of the first channel of each.
+// Lists the layers of a file: number, name, depth and the mean of the first channel of each:
 //
 //     layers stack.goblin
 

@@ -1,4 +1,5 @@
-// Goes through all levels of a Spinney file, block by block, and prints the mean of the first channel of each:
+// Reads all levels of a Spinney file block by block, and prints the mean of the first channel of
+// each:
 //
 //     levels map.goblin
 
@@ -68,7 +69,7 @@ struct Sum {
   uint64_t cells = 0;
 };
 
-// No exception may leave a function that a library calls.
+// A callback of the library must not throw.
 int add(void *user, const spinney_block *block) noexcept {
   Sum &sum = *static_cast<Sum *>(user);
   const uint64_t cells = block->cells.size[0] * block->cells.size[1] * block->cells.size[2];

@@ -1,4 +1,4 @@
-// Writes a window of a Spinney file as a grey picture (PGM):
+// Writes a window of a Spinney file as a greyscale image (PGM):
 //
 //     tile map.goblin LEVEL X Y WIDTH HEIGHT > tile.pgm
 

@@ -3,8 +3,8 @@
 #
 #     capi/gdal/build.sh PREFIX
 #
-# PREFIX is that of capi/install.sh. GDAL finds the driver if GDAL_DRIVER_PATH is PREFIX/lib/gdalplugins.
-# GDAL_CFLAGS and GDAL_LIBS tell where GDAL is, if gdal-config does not.
+# PREFIX is that of capi/install.sh. GDAL finds the driver if GDAL_DRIVER_PATH is
+# PREFIX/lib/gdalplugins. GDAL_CFLAGS and GDAL_LIBS override the output of gdal-config.
 set -euo pipefail
 here=$(cd "$(dirname "$0")" && pwd)
 prefix=$(cd "${1:?usage: capi/gdal/build.sh PREFIX}" && pwd)

@@ -1,9 +1,11 @@
-// GDAL's read-only driver for Spinney files: pictures (quadtrees) of both formats, commits as `map.autumn@12`.
+// GDAL's read-only driver for Spinney files: rasters (quadtrees) of both formats, commits as
+// `map.autumn@12`.
 //
-// Of a file of several layers all are shown, one after the other, each with bands of its own type on the cells of the finest
-// layer; `stack.goblin:B08` is one of them. Overviews are the trees' own levels. VOID is the nodata value where a layer has
-// one, else it is told by a mask. Blocks wait in GDAL's cache, each channel for itself; windows are copied from there, or come
-// straight from the tree where they are too large for it.
+// A dataset has the bands of all layers of a file, in order, each layer with its own type, on the
+// cells of the finest layer; `stack.goblin:B08` is one layer. Overviews are the trees' own levels.
+// VOID is the nodata value where a layer has one, otherwise a mask has it. GDAL's cache holds
+// blocks, separately per channel. Windows are copied from it, or read directly from the tree if
+// they are too large for it.
 
 #include <algorithm>
 #include <cstring>
@@ -25,9 +27,10 @@
 
 namespace {
 
-// Sides of the coarsest overview: programs expect a block of it, and make smaller pictures of that.
+// Size of the coarsest overview: programs expect to read one block of it, and make smaller images
+// from that.
 constexpr int COARSEST = 256;
-// Layers that are opened at once.
+// Maximum number of layers in a dataset.
 constexpr size_t MAX_LAYERS = 1000;
 const char *const DRIVER = "Spinney";
 
@@ -74,7 +77,7 @@ CPLErr Level::IRasterIO(GDALRWFlag flag, int x, int y, int width, int height, vo
   return read_cells({x, y, width, height}, band_count, bands, samples, band_space, extra);
 }
 
-// Tells how much is done; an error if GDAL's user wants no more.
+// Reports progress. Fails if GDAL's user cancels.
 CPLErr tell(const Share &share, double done) {
   GDALRasterIOExtraArg *const extra = share.extra;
   if (extra == nullptr || extra->pfnProgress == nullptr ||
@@ -87,7 +90,7 @@ CPLErr tell(const Share &share, double done) {
 
 CPLErr Level::read_cells(const Window &window, int band_count, const int *bands, const Samples &samples,
                          GSpacing band_space, GDALRasterIOExtraArg *extra) {
-  // Bands that follow each other and are of one layer are read together.
+  // Consecutive bands of one layer are read together.
   std::vector<std::pair<int, int>> runs;
   double cell_size = 0.0;
   for (int first = 0, end; first < band_count; first = end) {
@@ -98,7 +101,7 @@ CPLErr Level::read_cells(const Window &window, int band_count, const int *bands,
     runs.emplace_back(first, end);
     cell_size += layer.info.cell_size;
   }
-  // What would push all else out of the cache goes past it.
+  // A window that would evict everything else bypasses the cache.
   if (static_cast<double>(window.cells()) * cell_size > static_cast<double>(GDALGetCacheMax64()) / 4) {
     const double share = 1.0 / static_cast<double>(runs.size());
     for (size_t i = 0; i < runs.size(); ++i) {
@@ -136,7 +139,7 @@ CPLErr Level::copy_blocks(const Window &strip, int band, const Samples &samples)
   const bool plain = samples.type == own && samples.pixel == size;
   const GSpacing width_in_bytes = strip.width * size;
   const int row = strip.y / BLOCK, first = strip.x / BLOCK, last = (strip.x + strip.width - 1) / BLOCK;
-  // So many blocks at a time are locked in the cache.
+  // Maximum number of blocks that are locked in the cache at a time.
   constexpr int MOST = 64;
   for (int begin = first; begin <= last; begin += MOST) {
     const int end = std::min(begin + MOST, last + 1);
@@ -197,7 +200,7 @@ CPLErr Level::read_directly(const Layer &layer, const Window &window, int band_c
   const GSpacing line = cell * window.width;
   const bool is_packed = samples.type == own && samples.pixel == size && samples.line == line;
   const bool as_it_is = band_count == 1 && layer.channels() == 1 && is_packed;
-  // Some rows at a time, so that memory does not grow with the window.
+  // Read some rows at a time, so that memory does not grow with the window.
   const int rows = std::clamp(static_cast<int>((1 << 24) / std::max<GSpacing>(1, line)), 1, std::max(1, window.height));
   const auto cells = as_it_is ? nullptr : room(static_cast<size_t>(line) * static_cast<size_t>(rows));
   if (!as_it_is && cells == nullptr) {
@@ -257,7 +260,8 @@ void Level::describe() {
       }
     }
   }
-  // What all layers say is said of the raster, the rest of each layer's bands.
+  // Items that all layers share become the dataset's metadata, all others the metadata of each
+  // layer's bands.
   for (size_t i = 0; i < tags.size(); ++i) {
     for (const auto &[place, value] : tags[i]) {
       const auto &[domain, key] = place;
@@ -279,7 +283,7 @@ void Level::describe() {
   SetMetadataItem("INTERLEAVE", tags.size() == 1 ? "PIXEL" : "BAND", "IMAGE_STRUCTURE");
 }
 
-// Names all layers as datasets, if there are several.
+// Lists all layers as subdatasets, if there are several.
 void Level::list_layers(const std::string &file) {
   for (size_t i = 0; i < stack->layers.size() && stack->layers.size() > 1; ++i) {
     const Layer &layer = stack->layers[i];
@@ -303,7 +307,8 @@ void Level::describe_crs(const CPLJSONObject &crs) {
   if (!text.empty() && reference.SetFromUserInput(text.c_str()) == OGRERR_NONE) {
     return;
   }
-  // Nobody shall take it for a picture without a system.
+  // Without a system GDAL would treat the raster as not georeferenced: keep the definition, and
+  // warn.
   reference.Clear();
   SetMetadataItem("SPINNEY_CRS", definition.c_str());
   if (is_finest()) {
@@ -313,7 +318,8 @@ void Level::describe_crs(const CPLJSONObject &crs) {
   }
 }
 
-// The name of a band: of several layers the layer's, with that of the channel if it has several of them.
+// Returns the name of a band: in files of several layers the layer's, with the channel's name if it
+// has several.
 std::string description_of(const std::string &layer, const std::string &band, int channel, int channels, bool is_alone) {
   if (channels == 1) {
     return is_alone && !band.empty() ? band : layer;
@@ -342,7 +348,7 @@ void Level::describe_band(const Layer &layer, const CPLJSONObject &document, int
   const std::string description =
       description_of(document.GetString("name"), band_name, channel, layer.channels(), is_alone);
   band->SetDescription(description.c_str());
-  // Statistics, as GDAL keeps them.
+  // Statistics, in GDAL's metadata items.
   const spinney_channel_statistics &known = layer.statistics.channels[channel];
   if (known.cells > 0) {
     band->SetMetadataItem("STATISTICS_MINIMUM", layer.extreme(layer.least, known.min).c_str());
@@ -368,7 +374,7 @@ void Level::describe_band(const Layer &layer, const CPLJSONObject &document, int
       band->colours->SetColorEntry(value++, &entry);
     }
   }
-  // GDAL's names are those of 0, 1, 2 ...; a few numbers that are far from 0 would make a very long list.
+  // GDAL's names are those of 0, 1, 2 ...; a few large numbers would make a very long list.
   constexpr long MAX_NAMES = 65536;
   std::vector<std::string> names;
   for (const CPLJSONObject &category : document.GetObj("categories").GetChildren()) {
@@ -389,7 +395,8 @@ bool is_commit(const char *name) {
   return at != nullptr && at[1] != '\0' && std::strspn(at + 1, "0123456789") == std::strlen(at + 1);
 }
 
-// Whether a file is read by GDAL's own readers: `/vsicurl/https://...`, `/vsis3/...`, `/vsizip/...`.
+// Whether GDAL's own virtual file systems read a file: `/vsicurl/https://...`, `/vsis3/...`,
+// `/vsizip/...`.
 bool is_remote(const char *name) {
   return STARTS_WITH(name, "/vsi");
 }
@@ -420,13 +427,14 @@ bool is_tree(const void *header) {
   return std::memcmp(header, "\x93Goblin\n", 8) == 0 || std::memcmp(header, "\x93" "Autumn\n", 8) == 0;
 }
 
-// The file of a name that is that of a layer: `stack.goblin:B08`, `stack.autumn@12:B08`. Empty if there is none.
+// Returns the file in a layer's name: `stack.goblin:B08`, `stack.autumn@12:B08`. Empty if there is
+// none.
 std::string file_of_layer(const char *name) {
-  // (Names that are whole documents have many colons, and none of them is worth a look.)
+  // (Names that are whole documents have many colons: skip them.)
   if (std::strchr("<{[", name[0]) != nullptr || std::strlen(name) > 8192) {
     return "";
   }
-  // (What lies elsewhere has colons of its own, before its last part.)
+  // (Names of remote files have more colons, before the last component.)
   const char *const last = is_remote(name) ? std::strrchr(name, '/') : name;
   const char *colon = std::strchr(last, ':');
   for (; colon != nullptr; colon = std::strchr(colon + 1, ':')) {
@@ -457,7 +465,8 @@ int Level::identify(GDALOpenInfo *info) {
   return is_tree(info->pabyHeader);
 }
 
-// Opens the first layer of a file that GDAL reads, or the one that is named; false, with GDAL's error, if that cannot be.
+// Opens the first layer of a file that GDAL reads, or the named layer; false, with GDAL's error, on
+// failure.
 bool open_elsewhere(const char *name, bool is_layer, spinney_dataset **opened) {
   std::string whole = name;
   std::string layer;
@@ -493,7 +502,7 @@ bool open_elsewhere(const char *name, bool is_layer, spinney_dataset **opened) {
   return true;
 }
 
-// Opens the layers of a file, or the one that is named; null, with GDAL's error, if they cannot be shown.
+// Opens the layers of a file, or the named layer; null, with GDAL's error, on failure.
 std::shared_ptr<const Stack> open_stack(const char *name, bool is_layer) {
   auto stack = std::make_shared<Stack>();
   spinney_dataset *opened = nullptr;

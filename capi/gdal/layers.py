@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
-"""Compares what GDAL shows of files of several layers with what the program says of each layer.
+"""Compares GDAL's view of files with several layers with the program's results for each layer.
 
-    capi/gdal/layers.py SPINNEY FOLDER FILE ...
+    capi/gdal/layers.py SPINNEY DIRECTORY FILE ...
 
-FOLDER is for files that are made.
+DIRECTORY is for temporary files.
 """
 
 import array
@@ -14,7 +14,7 @@ import struct
 import subprocess
 import sys
 
-# Types of samples: their names in GDAL, and in Python's arrays.
+# Sample types: their names in GDAL, and their codes in Python's array module.
 TYPES = {"u8": ("Byte", "B"), "f32": ("Float32", "f"), "u64": ("UInt64", "Q"), "i16": ("Int16", "h")}
 
 
@@ -23,7 +23,7 @@ def told(*words):
 
 
 class Layer:
-    """A layer on the raster's cells, by the program's answers alone."""
+    """A layer on the raster's cells, computed only from the program's output."""
 
     def __init__(self, file, info, raster, depth):
         self.path, self.info, self.raster, self.depth = f"{file}:{info['layer']}", info, raster, depth
@@ -32,7 +32,7 @@ class Layer:
         self.nodata, self.void = info["nodata"], info["nodata"] or 0
 
     def band(self, channel, coarser):
-        """Samples of a channel on the raster's cells, or of a level that many levels above."""
+        """Rows of a channel's samples on the raster's cells, or `coarser` levels above these."""
         level = self.depth - coarser
         own = min(level, self.info["depth"])
         raw = FOLDER / "layer.raw"
@@ -56,12 +56,12 @@ def ceiling(size, levels):
 
 
 def read(file, *options):
-    """Samples of all bands, one band after the other."""
+    """Samples of all bands, band by band."""
     picture = FOLDER / "bands.tif"
     picture.unlink(missing_ok=True)
     plain = ["-of", "GTiff", "-mask", "none", "-co", "INTERLEAVE=BAND", "-co", "BLOCKYSIZE=1"]
     told("gdal_translate", "-q", *plain, *options, file, picture)
-    # (Of GDAL's formats without compression it is the one that has all types.) Its strips are rows, band after band.
+    # (GeoTIFF is GDAL's only uncompressed format with all types.) Its strips are rows, by band.
     tiff = picture.read_bytes()
     (directory,) = struct.unpack_from("<I", tiff, 4)
     tags = {}
@@ -75,7 +75,7 @@ def read(file, *options):
 
 
 def compare(file):
-    # (GDAL may have kept statistics in a file beside it.)
+    # (GDAL may have stored statistics in a sidecar file.)
     info = json.loads(told("gdalinfo", "-json", "-hist", "--config", "GDAL_PAM_ENABLED", "NO", file))
     layers = json.loads(told(SPINNEY, "info", "--json", file))["layers"]
     depth = max(layer["depth"] for layer in layers)
@@ -127,7 +127,7 @@ def check_bands(file, number, layer, channel, cells, band):
         assert size == [ceiling(side, coarser) for side in layer.raster], band
         level = b"".join(row.tobytes() for row in layer.band(channel, coarser))
         assert read(file, "-b", number, "-outsize", *size) == level, f"{file}: band {number}: overview {coarser} differs"
-    # What has no value is masked, also where the layer does not reach.
+    # Cells without a value are masked, also outside of the layer.
     mask = read(file, "-b", f"mask,{number}")
     samples = [sample for row in cells for sample in row]
     assert set(mask) <= {0, 255} and len(mask) == len(samples)
@@ -143,7 +143,7 @@ def check_bands(file, number, layer, channel, cells, band):
         assert len(values) == known["cells"] << 2 * (layer.depth - layer.info["depth"]), number
     mean = math.fsum(values) / len(values)
     if isinstance(values[0], int):
-        # (Differences of large integers from a rounded mean would be off.)
+        # (Differences of large integers from a rounded mean would be inexact.)
         squares = len(values) * sum(value * value for value in values) - sum(values) ** 2
         deviation = math.sqrt(squares) / len(values)
     else:

@@ -1,4 +1,4 @@
-// A level of all layers as GDAL's dataset, their channels as its bands.
+// A level of all layers as GDAL's dataset, with their channels as its bands.
 
 #pragma once
 
@@ -41,7 +41,7 @@ GDALDataType type_of(spinney_sample_type type) {
 #if GDAL_VERSION_NUM >= GDAL_COMPUTE_VERSION(3, 7, 0)
     return GDT_Int8;
 #else
-    return GDT_Byte; // (with PIXELTYPE, as GDAL told such bytes before it had a type for them)
+    return GDT_Byte; // (with PIXELTYPE, which marked signed bytes before GDAL had a type for them)
 #endif
 #if GDAL_VERSION_NUM >= GDAL_COMPUTE_VERSION(3, 5, 0)
   case SPINNEY_U64:
@@ -57,17 +57,17 @@ GDALDataType type_of(spinney_sample_type type) {
   return GDT_Unknown;
 }
 
-// The cells of a block: one at the border reaches beyond it, where nothing has a value.
+// The cells of a block. Blocks at the border extend beyond it, where no cell has a value.
 Window block_at(int column, int row) { return {column * BLOCK, row * BLOCK, BLOCK, BLOCK}; }
 
-// Samples in memory: the first of them, and bytes from one to the next and to that below it.
+// Samples in memory: a pointer to the first, and the strides in bytes to the next column and row.
 struct Samples {
   GByte *first;
   GDALDataType type;
   GSpacing pixel, line;
 };
 
-// Copies samples row by row, to another type if wanted.
+// Copies samples row by row, and converts them if the types differ.
 void copy(const Samples &from, const Samples &to, int width, int height) {
   for (int row = 0; row < height; ++row) {
     GDALCopyWords(from.first + row * from.line, from.type, static_cast<int>(from.pixel), to.first + row * to.line, to.type,
@@ -75,7 +75,7 @@ void copy(const Samples &from, const Samples &to, int width, int height) {
   }
 }
 
-// How much of a task a part of it is: for whoever is told how much is done.
+// The fraction of a task that one operation is, for progress reports.
 struct Share {
   GDALRasterIOExtraArg *extra;
   double from = 0.0, size = 1.0;
@@ -94,19 +94,20 @@ public:
   CPLErr GetGeoTransform(double *transform) override;
   const OGRSpatialReference *GetSpatialRef() const override { return reference.IsEmpty() ? nullptr : &reference; }
 
-  // Reads cells of some bands (numbers from 1) into a buffer whose `samples` are those of the first of them.
+  // Reads cells of some bands (numbers from 1) into a buffer. `samples` has the samples of the
+  // first band.
   CPLErr read_cells(const Window &window, int band_count, const int *bands, const Samples &samples, GSpacing band_space,
                     GDALRasterIOExtraArg *extra);
 
-  // Whether this is the level of the cells, of which the file knows statistics.
+  // Whether this is the level of the cells, for which the file has statistics.
   bool is_finest() const { return level() == stack->depth(); }
   uint32_t level() const { return static_cast<uint32_t>(number); }
 
   const std::shared_ptr<const Stack> stack;
   const int number;
-  // Coarser levels, the finest of them first.
+  // Coarser levels, from fine to coarse.
   std::vector<std::unique_ptr<Level>> overviews;
-  // By layers; none of those that need none.
+  // Masks by layer; null for layers that need none.
   std::vector<std::unique_ptr<GDALRasterBand>> masks;
 
 protected:
@@ -127,11 +128,11 @@ private:
   OGRSpatialReference reference;
 };
 
-// The cells of a level that have a value.
+// The mask of a level: which cells have a value.
 class Mask final : public GDALRasterBand {
 public:
   Mask(Level *of, size_t layer_number) : level(of), number(layer_number) {
-    // A mask band's dataset is not told, since it has no number there.
+    // A mask band has no number, and so no pointer to its dataset.
     nRasterXSize = of->GetRasterXSize();
     nRasterYSize = of->GetRasterYSize();
     eDataType = GDT_Byte;
@@ -242,7 +243,7 @@ public:
     return offset;
   }
 
-  // Exact, from what the tree stores: nothing is computed. (Those of the cells, also for overviews.)
+  // Exact, from the tree: nothing is computed. (Overviews return the statistics of the cells, too.)
   CPLErr GetStatistics(int, int, double *min, double *max, double *mean, double *deviation) override {
     const spinney_channel_statistics &known = layer.statistics.channels[index];
     if (known.cells == 0) {
@@ -272,15 +273,16 @@ public:
     return CE_None;
   }
 
-  // Exact where the tree counts: the first channel of the cells. Other channels are read, from a coarser level if that is good
-  // enough.
+  // Exact for the first channel of the cells, which the tree counts. Other channels are read, from
+  // a coarser level if that is good enough.
   CPLErr GetHistogram(double low, double high, int count, GUIntBig *bins, int with_outside, int is_approximate,
                       GDALProgressFunc progress, void *user) override {
     const double step = (high - low) / count;
     if (!level->is_finest() || index != 0 || !(step > 0.0) || !std::isfinite(step) || count > MAX_BINS) {
       return histogram_of_cells(low, high, count, bins, with_outside, is_approximate, progress, user);
     }
-    // The tree counts what is outside for the outermost parts: two more of them keep it away from the others.
+    // The tree counts values outside of the range in the outermost bins: two additional bins
+    // separate them.
     std::vector<uint64_t> found(static_cast<size_t>(count) + 2);
     if (!layer.histogram(low - step, high + step, found)) {
       report();
@@ -308,7 +310,7 @@ public:
   double offset = 0.0;
 
 protected:
-  // The nodata number of integers of 64 bits, which a double may not have.
+  // The nodata number of 64-bit integers, which a double may not represent.
   template <typename T> T nodata_of(int *success, spinney_sample_type type) const {
     const bool is_there = layer.info.sample == type && layer.has_nodata_sample;
     if (success != nullptr) {
@@ -337,7 +339,7 @@ protected:
         take(data);
         continue;
       }
-      // What was read of the other channels waits for them in GDAL's cache.
+      // GDAL's cache keeps the samples of the other channels until they are requested.
       GDALRasterBand *const other = level->GetRasterBand(layer.first_band + channel);
       GDALRasterBlock *there = other->TryGetLockedBlockRef(column, row);
       if (there == nullptr && (there = other->GetLockedBlockRef(column, row, TRUE)) != nullptr) {
@@ -361,7 +363,8 @@ protected:
   }
 
 private:
-  // GDAL's own way, over all cells; approximately over those of the coarsest level that has a million of them.
+  // GDAL's own histogram, over all cells, or, if approximate, over those of the coarsest level that
+  // has a million of them.
   CPLErr histogram_of_cells(double low, double high, int count, GUIntBig *bins, int with_outside, int is_approximate,
                             GDALProgressFunc progress, void *user) {
     GDALRasterBand *band = this;

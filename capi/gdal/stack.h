@@ -1,4 +1,5 @@
-// The layers of a Spinney file on the cells of the finest: their numbers, and windows of them.
+// The layers of a Spinney file on the cells of the finest layer: their statistics, and windows of
+// their samples.
 
 #pragma once
 
@@ -18,7 +19,7 @@ namespace {
 
 void report() { CPLError(CE_Failure, CPLE_AppDefined, "%s", spinney_error()); }
 
-// Room for bytes; null, with GDAL's error, if there is none.
+// Allocates bytes; null, with GDAL's error, if there is no memory.
 std::unique_ptr<GByte[]> room(size_t bytes) {
   std::unique_ptr<GByte[]> bytes_there(new (std::nothrow) GByte[bytes]);
   if (bytes_there == nullptr) {
@@ -39,20 +40,21 @@ struct Close {
 };
 using Handle = std::unique_ptr<spinney_dataset, Close>;
 
-// A layer, and what all of its levels have in common.
+// A layer, and what all of its levels share.
 struct Layer {
   Handle handle;
   std::string name;
   spinney_info info{};
-  // Of the raster's cells.
+  // Statistics of the raster's cells.
   spinney_statistics statistics{};
 
-  // Levels that the raster has below those of the layer: its cells are 2^shift times as wide as the raster's.
+  // The raster's depth minus the layer's: the layer's cells are 2^shift times as wide as the
+  // raster's.
   uint32_t shift = 0;
   // The number of its first band, from 1.
   int first_band = 1;
 
-  // The nodata number as a sample, if a sample can be that.
+  // The nodata number as a sample, if the sample type can hold it.
   bool has_nodata_sample = false;
   GByte nodata_sample[8] = {};
 
@@ -66,10 +68,10 @@ struct Layer {
   size_t sample_size() const { return info.cell_size / info.channels; }
   bool has_band(int band) const { return band >= first_band && band < first_band + channels(); }
 
-  // Extremes of the first channel, where it has integers of 64 bits.
+  // Extremes of the first channel, if it has 64-bit integers.
   GByte least[8] = {}, greatest[8] = {};
 
-  // An extreme as text, exactly.
+  // Formats an extreme exactly.
   std::string extreme(const GByte *sample, double nearest) const {
     if (info.sample == SPINNEY_U64) {
       uint64_t number;
@@ -84,20 +86,21 @@ struct Layer {
     return CPLSPrintf("%.17g", nearest);
   }
 
-  // Whether the layer has a cell wherever the raster has one.
+  // Whether the layer has a cell for every cell of the raster.
   bool is_everywhere = true;
   bool has_mask() const {
     return !info.has_nodata && info.alpha < 0 && (statistics.void_cells > 0 || !is_everywhere);
   }
 
-  // Cells of the layer, and for how many of the raster's each stands: of those in the last column or row a part may be shown.
+  // Cells of the layer, and the number of raster cells that each of them covers. The raster may cut
+  // cells in the last column or row.
   struct Part {
     spinney_box cells;
     uint64_t weight;
   };
   std::vector<Part> parts;
 
-  // Asks the handle what it is of.
+  // Reads the layer's properties from the handle.
   bool describe() {
     const size_t size = sizeof info;
     if (spinney_describe(handle.get(), &info, size) != SPINNEY_OK) {
@@ -108,7 +111,8 @@ struct Layer {
     return !is_long || spinney_extremes(handle.get(), nullptr, least, greatest, sizeof least) == SPINNEY_OK;
   }
 
-  // Puts the layer on a raster of that many levels and cells, and takes its statistics.
+  // Aligns the layer with a raster of the given depth and size in cells, and computes its
+  // statistics.
   bool place(uint32_t depth, const uint64_t (&size)[2]) {
     shift = depth - info.depth;
     struct Span {
@@ -134,7 +138,7 @@ struct Layer {
     return measure();
   }
 
-  // Counts of the raster's cells in parts of a range.
+  // Counts the raster's cells in equal intervals of a range.
   bool histogram(double low, double high, std::vector<uint64_t> &found) const {
     std::vector<uint64_t> counts(found.size());
     for (const Part &part : parts) {
@@ -192,10 +196,10 @@ private:
   }
 };
 
-// The layers that GDAL's dataset shows: all of a file, or one.
+// The layers in GDAL's dataset: all of a file, or one.
 struct Stack {
   std::vector<Layer> layers;
-  // The first of those with the smallest cells, which are the raster's.
+  // The first layer with the smallest cells, which are the raster's.
   size_t finest = 0;
   uint64_t size[2] = {0, 0};
 
@@ -208,7 +212,8 @@ struct Stack {
     return static_cast<int>((size[axis] >> levels) + ((size[axis] & ((1ull << levels) - 1)) != 0 ? 1 : 0));
   }
 
-  // Puts the layers on the cells of the finest: a raster with all of those, and with a part at least of each larger one.
+  // Aligns the layers with the cells of the finest. The raster has all cells of that layer, and
+  // overlaps every cell of the others.
   bool place() {
     for (size_t i = 0; i < layers.size(); ++i) {
       finest = layers[i].info.depth > depth() ? i : finest;
@@ -225,12 +230,14 @@ struct Stack {
   }
 };
 
-// Reads cells of the layer's own: all channels of each, and whether it has a value, if `valid` is not null.
+// Reads cells of a level of the layer's own: all channels of each, and whether it has a value, if
+// `valid` is not null.
 CPLErr read_own(const Layer &layer, uint32_t level, const Window &window, GByte *samples, GByte *valid) {
   const spinney_box box = {{static_cast<uint64_t>(window.x), static_cast<uint64_t>(window.y), 0},
                            {static_cast<uint64_t>(window.width), static_cast<uint64_t>(window.height), 1}};
   const size_t cells = window.cells();
-  // (Zeros where there is none; of a number that no sample is the nearest.)
+  // (The fill is 0 without nodata. If no sample equals the nodata number, it is the nearest
+  // sample.)
   const bool is_near = layer.info.has_nodata && !layer.has_nodata_sample;
   const size_t size = cells * layer.info.cell_size;
   const size_t flags = valid != nullptr ? cells : 0;
@@ -245,7 +252,7 @@ CPLErr read_own(const Layer &layer, uint32_t level, const Window &window, GByte 
   return CE_None;
 }
 
-// Writes each cell of a window as often as it is in one of cells that are 2^shift times as narrow.
+// Repeats each cell of a window for all cells inside it, which are 2^shift times as narrow.
 void enlarge(const GByte *from, const Window &large, uint32_t shift, size_t size, const Window &window, GByte *to) {
   const size_t line = static_cast<size_t>(window.width) * size;
   for (int row = 0; row < window.height; ++row, to += line) {
@@ -262,8 +269,8 @@ void enlarge(const GByte *from, const Window &large, uint32_t shift, size_t size
   }
 }
 
-// Reads a window of a level of the raster: all channels of each cell of a layer, and whether it has a value, if `valid` is not
-// null. There is room for all.
+// Reads a window of a level of the raster: all channels of each cell of a layer, and whether it has
+// a value, if `valid` is not null. The buffers are large enough.
 CPLErr read(const Layer &layer, uint32_t level, const Window &window, GByte *samples, GByte *valid) {
   if (level <= layer.info.depth) {
     return read_own(layer, level, window, samples, valid);

@@ -1,4 +1,4 @@
-//! Boxes of any size, block by block.
+//! Boxes of any size, read block by block.
 
 use std::ffi::{c_int, c_void};
 
@@ -8,28 +8,29 @@ use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::questions::{flags, some_bounds_at, spinney_box};
 use crate::status::{Failure, guarded, spinney_status};
 
-/// A block of cells that is handed to a function.
+/// A block of cells, as passed to the caller's function.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_block {
-    /// Its cells, of the level that was asked for.
+    /// Its cells, at the requested level.
     pub cells: spinney_box,
-    /// Samples as spinney_read() writes them, there until the function returns.
+    /// Samples in the layout of spinney_read(). Valid until the function returns.
     pub samples: *const u8,
-    /// A byte for each cell: 1 where there is a value.
+    /// One byte per cell: 1 if the cell has a value.
     pub valid: *const u8,
 }
 
-/// A function that takes blocks; anything but 0 asks to stop.
+/// A function that receives blocks. It stops the reading by returning anything but 0.
 pub type spinney_take_block =
     Option<unsafe extern "C" fn(user: *mut c_void, block: *const spinney_block) -> c_int>;
 
-/// Cells along the sides of blocks: those that files keep together.
+/// Cells along the sides of blocks, in quadtrees and in octrees: those of the files' dense blocks.
 const SIDES: [u64; 2] = [256, 64];
 
-/// Reads a box of cells of a level block by block, in rows of blocks, and hands each to `take`, with `user`. Blocks are at most 256
-/// cells wide and high (64 in octrees), and begin at multiples of that but for the box's own border. Needs memory for one of them.
-/// SPINNEY_STOPPED if `take` asks to stop.
+/// Reads a box of cells of a level block by block, in rows of blocks, and passes each block to
+/// `take`, with `user`. Blocks are at most 256 cells wide and high (64 in octrees), and begin at
+/// multiples of that, except at the box's own border. Needs memory for one block. SPINNEY_STOPPED
+/// if `take` stops.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_read_blocks(
     dataset: *const spinney_dataset,
@@ -40,7 +41,7 @@ pub unsafe extern "C" fn spinney_read_blocks(
     user: *mut c_void,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `some_bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
         let take = take.ok_or_else(|| Failure::invalid("take: got NULL, expected a function"))?;
         let form = dataset.header().form;
@@ -71,7 +72,7 @@ pub unsafe extern "C" fn spinney_read_blocks(
                         samples: samples.as_ptr().cast(),
                         valid: valid.as_ptr(),
                     };
-                    // SAFETY: it is the caller's own function; the block is there while it runs.
+                    // SAFETY: the function is the caller's own. The block outlives its call.
                     if unsafe { take(user, &block) } != 0 {
                         return Err(Failure::stopped());
                     }

@@ -1,4 +1,4 @@
-//! Opening files, and what is known of them without looking at cells.
+//! Opening files, and reading their metadata. No cells are read.
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::PathBuf;
@@ -14,9 +14,9 @@ use crate::status::{Failure, guarded, spinney_status, text_of};
 /// A file, or a view of one.
 pub struct spinney_dataset {
     pub(crate) dataset: Dataset,
-    /// The document of spinney_metadata().
+    /// The JSON document of spinney_metadata().
     metadata: CString,
-    /// Names of the file's layers, as soon as somebody asks.
+    /// Names of the file's layers, read at the first request.
     layers: OnceLock<Vec<CString>>,
 }
 
@@ -26,7 +26,7 @@ impl spinney_dataset {
         spinney_dataset { dataset, metadata, layers: OnceLock::new() }
     }
 
-    /// Names of the file's layers.
+    /// Returns the names of the file's layers.
     pub(crate) fn layers(&self) -> Result<&[CString], Failure> {
         if let Some(names) = self.layers.get() {
             return Ok(names);
@@ -35,18 +35,19 @@ impl spinney_dataset {
         Ok(self.layers.get_or_init(|| names))
     }
 
-    /// Hands a dataset out to the caller, at a place that is not NULL.
+    /// Returns a dataset to the caller, through a pointer that is not NULL.
     pub(crate) unsafe fn hand_out(dataset: Dataset, place: *mut *mut spinney_dataset) {
         let handle = Box::new(spinney_dataset::new(dataset));
-        // SAFETY: it is not NULL, and the caller has a pointer there.
+        // SAFETY: `place` is not NULL, and the caller has a pointer there.
         unsafe { place.write(Box::into_raw(handle)) };
     }
 }
 
-/// For spinney_open(): read at positions, instead of mapping the file.
+/// For spinney_open(): use positioned reads instead of mapping the file.
 pub const SPINNEY_POSITIONED: u32 = 1;
 
-/// Type of a sample; the machine's own byte order is little-endian wherever Spinney runs.
+/// Type of a sample. Samples have the machine's byte order, which is little-endian on all supported
+/// machines.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum spinney_sample_type {
@@ -80,51 +81,55 @@ impl From<SampleType> for spinney_sample_type {
     }
 }
 
-/// Numbers of a dataset.
+/// Type, size and georeferencing of a dataset.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_info {
-    /// 2 are quadtrees (pictures), 3 are octrees (volumes and solids).
+    /// 2 for quadtrees (rasters), 3 for octrees (volumes and solids).
     pub axes: u32,
     /// Type of a sample.
     pub sample: spinney_sample_type,
-    /// Samples of a cell, 1 to 4.
+    /// Samples per cell, 1 to 4.
     pub channels: u32,
-    /// Bytes of a cell: those of all its samples.
+    /// Bytes per cell: those of all its samples.
     pub cell_size: u32,
-    /// The level of the cells. Level 0 is the whole space as one node, each level below is twice as fine along each axis.
+    /// The level of the cells. Level 0 is the whole space as one node; each further level doubles
+    /// the resolution along each axis.
     pub depth: u32,
-    /// Number of the channel that is opacity, or -1.
+    /// Index of the opacity channel, or -1.
     pub alpha: i32,
     /// Size in cells along x, y and z; z is 1 in quadtrees.
     pub size: [u64; 3],
-    /// Place of the cells in the world: rows x, y, z of the matrix that takes x, y, z, 1 in cells there. Cell 0 spans 0 to 1.
+    /// Georeferencing of the cells: rows x, y, z of the matrix that maps x, y, z, 1 in cells to
+    /// world coordinates. Cell 0 spans 0 to 1.
     pub matrix: [f64; 12],
-    /// The number that VOID had in the input, if has_nodata: the nearest double of it (see spinney_nodata()).
+    /// The input's nodata number, if has_nodata: the nearest double of it (see spinney_nodata()).
     pub nodata: f64,
     pub has_nodata: bool,
-    /// Whether the matrix says something.
+    /// Whether the matrix is known.
     pub has_georeference: bool,
-    /// Whether values are classes.
+    /// Whether values are classes (categorical).
     pub is_categorical: bool,
-    /// Whether the file is edited and has commits.
+    /// Whether the file is an Autumnal file: editable, with commits.
     pub is_autumnal: bool,
     /// Number of the commit, or 0.
     pub commit: u64,
 }
 
-/// Changes how many bytes of packed segments, unpacked, all open files together keep in memory for the next use: 64 MiB if nothing is said.
+/// Sets how many bytes of unpacked segments all open files together keep in memory. The default is
+/// 64 MiB.
 #[unsafe(no_mangle)]
 pub extern "C" fn spinney_set_cache_memory(bytes: u64) {
     FileAccess::default().unpacked().set_limit(bytes);
 }
 
-/// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`, `stack.goblin:B08` the layer `B08`
-/// of `stack.goblin`, whose first one is opened where none is named. `steps` are those of a view, as `spinney transform` takes them
-/// ("rotate=30", "crop"), `step_count` of them; NULL and 0 for the file as it is. `flags` is 0 or SPINNEY_POSITIONED. The dataset is
-/// to be closed by spinney_close().
+/// Opens a tree file of either format and any type. `map.autumn@12` is commit 12 of `map.autumn`;
+/// `stack.goblin:B08` is the layer `B08` of `stack.goblin`. The first layer is opened if none is
+/// named. `steps` are the `step_count` operations of a view, in the syntax of `spinney transform`
+/// ("rotate=30", "crop"); NULL and 0 open the file itself. `flags` is 0 or SPINNEY_POSITIONED.
+/// Close the dataset with spinney_close().
 ///
-/// Costs a few pages, whatever the file's size.
+/// Reads a few pages, whatever the file's size.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_open(
     path: *const c_char,
@@ -144,7 +149,7 @@ pub unsafe extern "C" fn spinney_open(
                 "spinney_open: got flags {flags}, expected 0 or SPINNEY_POSITIONED"
             )));
         }
-        // SAFETY: the caller passes a zero-terminated text.
+        // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         let mut options = OpenOptions::new();
         if flags & SPINNEY_POSITIONED != 0 {
@@ -153,7 +158,7 @@ pub unsafe extern "C" fn spinney_open(
         let mut opened = dataset::open(&path, &options)?;
         let mut chain: Vec<ViewStep> = Vec::new();
         for step in 0..step_count {
-            // SAFETY: the caller passes as many pointers to zero-terminated texts as it says.
+            // SAFETY: the caller passes `step_count` pointers to zero-terminated strings.
             let text = unsafe {
                 let text = *steps.add(step);
                 if text.is_null() {
@@ -167,7 +172,7 @@ pub unsafe extern "C" fn spinney_open(
         if !chain.is_empty() {
             opened = opened.view(&chain)?;
         }
-        // SAFETY: it is not NULL, and the caller's.
+        // SAFETY: `dataset` is not NULL, and points to the caller's pointer.
         unsafe { spinney_dataset::hand_out(opened, dataset) };
         Ok(())
     })
@@ -184,34 +189,36 @@ pub(crate) fn path_of(path: &CStr) -> Result<PathBuf, Failure> {
     path.to_str().map(PathBuf::from).map_err(|_| Failure::invalid("path: got other bytes, expected UTF-8"))
 }
 
-/// Closes a dataset; NULL is nothing to close.
+/// Closes a dataset. Does nothing for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_close(dataset: *mut spinney_dataset) {
     guarded(|| {
         if !dataset.is_null() {
-            // SAFETY: it comes from spinney_open(), and nobody uses it any more.
+            // SAFETY: it comes from spinney_open(), and no other thread uses it any more.
             drop(unsafe { Box::from_raw(dataset) });
         }
         Ok(())
     });
 }
 
-/// The dataset behind a handle.
+/// Returns the dataset of a handle.
 pub(crate) unsafe fn opened<'a>(dataset: *const spinney_dataset) -> Result<&'a spinney_dataset, Failure> {
     // SAFETY: it is NULL, or comes from spinney_open() and is not closed.
     unsafe { dataset.as_ref() }
         .ok_or_else(|| Failure::invalid("dataset: got NULL, expected one from spinney_open"))
 }
 
-/// Moves on to the newest commit of a file that is edited; `is_newer` (which may be NULL) tells whether there was one. A
-/// dataset that was opened at a certain commit, and a view, stays as it is.
+/// Moves a dataset to the newest commit of a file that is edited. `is_newer` (which may be NULL) is
+/// set to whether there was a newer one. A dataset that was opened at a certain commit, and a view,
+/// is not changed.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_refresh(
     dataset: *mut spinney_dataset,
     is_newer: *mut bool,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: it is NULL, or comes from spinney_open(), and nobody else uses it meanwhile.
+        // SAFETY: it is NULL, or comes from spinney_open(), and no other thread uses it during the
+        // call.
         let handle = unsafe { dataset.as_mut() };
         let handle =
             handle.ok_or_else(|| Failure::invalid("dataset: got NULL, expected one from spinney_open"))?;
@@ -220,7 +227,7 @@ pub unsafe extern "C" fn spinney_refresh(
             handle.metadata = metadata::json(&handle.dataset);
             handle.layers = OnceLock::new();
         }
-        // SAFETY: it is NULL, or a place of the caller's.
+        // SAFETY: it is NULL, or points to the caller's variable.
         if let Some(place) = unsafe { is_newer.as_mut() } {
             *place = newer;
         }
@@ -228,15 +235,16 @@ pub unsafe extern "C" fn spinney_refresh(
     })
 }
 
-/// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened: answers may then be of the one
-/// state or the other. Worth a call at the end of long work.
+/// Fails with SPINNEY_CHANGED if the file was overwritten or truncated after it was opened: results
+/// may then mix the old and the new contents. Call it at the end of long work.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_check_unchanged(dataset: *const spinney_dataset) -> spinney_status {
-    // SAFETY: as `opened` says.
+    // SAFETY: see `opened`.
     guarded(|| Ok(unsafe { opened(dataset) }?.dataset.check_unchanged()?))
 }
 
-/// Tells a dataset's numbers. `info_size` is `sizeof(spinney_info)`, so that a later version can have more.
+/// Writes type, size and georeferencing of a dataset to `info`. `info_size` is
+/// `sizeof(spinney_info)`, so that later versions can add fields.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_describe(
     dataset: *const spinney_dataset,
@@ -244,7 +252,7 @@ pub unsafe extern "C" fn spinney_describe(
     info_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as `opened` says.
+        // SAFETY: see `opened`.
         let dataset = &unsafe { opened(dataset) }?.dataset;
         if info.is_null() || info_size != size_of::<spinney_info>() {
             let expected = size_of::<spinney_info>();
@@ -270,13 +278,14 @@ pub unsafe extern "C" fn spinney_describe(
             is_autumnal: dataset.format() == TreeFormat::Autumnal,
             commit: dataset.commit().map_or(0, |commit| commit.number),
         };
-        // SAFETY: it is not NULL, and has room.
+        // SAFETY: it is not NULL, and has the size of the struct.
         unsafe { info.write(known) };
         Ok(())
     })
 }
 
-/// Size of a level in its cells, along x, y and z; a level below the cells counts as theirs.
+/// Writes the size of a level in its cells, along x, y and z. A level deeper than the cells counts
+/// as the cells' level.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_level_size(
     dataset: *const spinney_dataset,
@@ -284,9 +293,9 @@ pub unsafe extern "C" fn spinney_level_size(
     size: *mut [u64; 3],
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as `opened` says.
+        // SAFETY: see `opened`.
         let dataset = &unsafe { opened(dataset) }?.dataset;
-        // SAFETY: it is NULL, or a place of the caller's.
+        // SAFETY: it is NULL, or points to the caller's array.
         let size =
             unsafe { size.as_mut() }.ok_or_else(|| Failure::invalid("size: got NULL, expected a place"))?;
         *size = dataset.extent_at(level_of(level)).max;
@@ -294,18 +303,23 @@ pub unsafe extern "C" fn spinney_level_size(
     })
 }
 
-/// A level as the library counts it; what is too deep stays so.
+/// Converts a level to the library's type. A level that is too deep remains too deep.
 pub(crate) fn level_of(level: u32) -> u8 {
     u8::try_from(level).unwrap_or(u8::MAX)
 }
 
-/// All that is known of a dataset beside its numbers, as JSON: "name" (of the layer), "time", "crs" (its form and definition as it came;
-/// its "text" for other programs, which is "EPSG:4326" or the like, or else WKT 2; where it cannot be said so, "problem" tells why, and the
-/// text is null, or WKT 1, PROJJSON or PROJ's words as they came), "bands" (name, unit, scale, offset of each), "categories" (names by
-/// value), "palette" (red, green, blue, opacity by value), "tags", "scoped_tags", "provenance". The text belongs to the dataset, and is
-/// there until that is closed or refreshed. NULL if the dataset is NULL.
+/// Returns the other metadata of a dataset as JSON: "name" (of the layer), "time", "crs", "bands"
+/// (name, unit, scale, offset of each), "categories" (names by value), "palette" (red, green, blue,
+/// opacity by value), "tags", "scoped_tags", "provenance".
+///
+/// The "crs" has its original "form" and "definition", and a "text" for other programs: "EPSG:4326"
+/// or the like, or else WKT 2. If neither can express the system, "problem" has the reason, and
+/// "text" is null, or the original WKT 1, PROJJSON or PROJ string.
+///
+/// The string belongs to the dataset, and is valid until the dataset is closed or refreshed. NULL
+/// if the dataset is NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_metadata(dataset: *const spinney_dataset) -> *const c_char {
-    // SAFETY: as `opened` says.
+    // SAFETY: it is NULL, or comes from spinney_open() and is not closed.
     unsafe { dataset.as_ref() }.map_or(std::ptr::null(), |dataset| dataset.metadata.as_ptr())
 }

@@ -1,4 +1,5 @@
-//! Questions whose answers are samples of the dataset's own type: exact also where a double is not, of integers of 64 bits.
+//! Queries with results in the dataset's own sample type. These are exact for 64-bit integers, too,
+//! for which doubles are not.
 
 use std::ffi::c_void;
 
@@ -9,8 +10,8 @@ use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::questions::{bounds_at, buffer, flags, sizes, some_bounds_at, spinney_box};
 use crate::status::{Failure, guarded, spinney_status};
 
-/// As spinney_read(), but cells that are VOID, or outside, get the sample that `fill` points to, which has the type of samples, in
-/// every channel.
+/// Like spinney_read(), but cells that are VOID or outside get the sample that `fill` points to, in
+/// every channel. The fill sample has the dataset's sample type.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_read_filled(
     dataset: *const spinney_dataset,
@@ -23,7 +24,7 @@ pub unsafe extern "C" fn spinney_read_filled(
     valid_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `some_bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
         let value = dataset.header().form.value;
         if fill.is_null() {
@@ -33,20 +34,20 @@ pub unsafe extern "C" fn spinney_read_filled(
         let fill = unsafe { std::slice::from_raw_parts(fill.cast::<u8>(), value.sample.size()) };
         let fill = ValueType::new(value.sample, 1).first_number(Value::from_bytes(fill));
         let (count, bytes) = sizes(&bounds, dataset.header().form.width())?;
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let samples = unsafe { buffer("samples", samples.cast(), samples_size, Some(bytes))? };
         let valid = if valid.is_null() && valid_size == 0 {
             None
         } else {
-            // SAFETY: as that says.
+            // SAFETY: see `buffer`.
             Some(flags(unsafe { buffer("valid", valid, valid_size, Some(count))? }))
         };
         Ok(dataset.window(level_of(level), &bounds, fill, samples, valid)?)
     })
 }
 
-/// As spinney_points(), but `samples` gets the samples of each cell as they are, `cell_size` bytes of each (`samples_size` is the
-/// bytes of all); those of cells that are VOID, or outside, are 0.
+/// Like spinney_points(), but `samples` gets the unconverted samples of each cell, `cell_size`
+/// bytes per cell (`samples_size` bytes in total). Samples of cells that are VOID or outside are 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_point_samples(
     dataset: *const spinney_dataset,
@@ -58,13 +59,14 @@ pub unsafe extern "C" fn spinney_point_samples(
     valid: *mut u8,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as that says.
+        // SAFETY: see `opened`.
         let dataset = &unsafe { opened(dataset) }?.dataset;
         let width = dataset.header().form.width();
         let bytes = count.checked_mul(width).filter(|_| !cells.is_null() || count == 0);
         let bytes = bytes
             .ok_or_else(|| Failure::invalid("cells: got NULL, or too many, expected x, y, z of each"))?;
-        // SAFETY: the caller has so many cells there, and room for what is found of them.
+        // SAFETY: the caller has `count` cells and flags there, and `samples_size` bytes for
+        // samples.
         let (cells, samples, valid) = unsafe {
             let cells = if count == 0 { &[][..] } else { std::slice::from_raw_parts(cells, count) };
             let valid = if valid.is_null() { &mut [][..] } else { buffer("valid", valid, count, None)? };
@@ -83,8 +85,9 @@ pub unsafe extern "C" fn spinney_point_samples(
     })
 }
 
-/// The least and the greatest sample of each channel of the cells of a box of the deepest level, of all of them if `cells` is NULL, to
-/// `least` and `greatest`, which have `cell_size` bytes each (`size`); 0 in channels without any.
+/// Writes the minimum and maximum sample of each channel to `least` and `greatest`, over a box of
+/// cells of the deepest level, or over all cells if `cells` is NULL. Both buffers have `cell_size`
+/// bytes (`size`). Channels without samples get 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_extremes(
     dataset: *const spinney_dataset,
@@ -94,11 +97,11 @@ pub unsafe extern "C" fn spinney_extremes(
     size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
         let value = dataset.header().form.value;
         let width = Some(value.size() as u64);
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let (least, greatest) = unsafe {
             let least = buffer("least", least.cast::<u8>(), size, width)?;
             (least, buffer("greatest", greatest.cast::<u8>(), size, width)?)
@@ -114,7 +117,8 @@ pub unsafe extern "C" fn spinney_extremes(
     })
 }
 
-/// As spinney_classes(), but `values` gets samples of the dataset's type: there is room for `capacity` of them.
+/// Like spinney_classes(), but `values` gets samples of the dataset's type. It has a capacity of
+/// `capacity` samples.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_class_samples(
     dataset: *const spinney_dataset,
@@ -125,12 +129,12 @@ pub unsafe extern "C" fn spinney_class_samples(
     count: *mut usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
         let value = ValueType::new(dataset.header().form.value.sample, 1);
         let bytes = capacity.checked_mul(value.size());
         let bytes = bytes.ok_or_else(|| Failure::invalid("capacity: got more than there is memory for"))?;
-        // SAFETY: these are places of the caller's, or NULL, which is found.
+        // SAFETY: these point to the caller's memory, or are NULL, which is detected.
         let (values, counts, count) = unsafe {
             let count =
                 count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
@@ -148,8 +152,9 @@ pub unsafe extern "C" fn spinney_class_samples(
     })
 }
 
-/// The number that VOID had in the input, as a sample of the dataset's type with `size` bytes. SPINNEY_UNSUPPORTED if there is none, or
-/// none of the samples is that number: `nodata` of spinney_info has the nearest double.
+/// Writes the input's nodata number as a sample of the dataset's type, of `size` bytes.
+/// SPINNEY_UNSUPPORTED if there is none, or if the sample type cannot hold it: `nodata` of
+/// spinney_info has the nearest double.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_nodata(
     dataset: *const spinney_dataset,
@@ -157,10 +162,10 @@ pub unsafe extern "C" fn spinney_nodata(
     size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as that says.
+        // SAFETY: see `opened`.
         let dataset = &unsafe { opened(dataset) }?.dataset;
         let value = ValueType::new(dataset.header().form.value.sample, 1);
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let sample = unsafe { buffer("sample", sample.cast::<u8>(), size, Some(value.size() as u64))? };
         let nodata = dataset.metadata().nodata;
         let held = nodata.filter(|number| value.sample.is_float() || value.sample.can_hold(*number));

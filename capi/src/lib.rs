@@ -1,9 +1,11 @@
-//! Spinney files from C: the functions of `include/spinney.h`, which is made of this crate by cbindgen.
+//! The C interface of Spinney: the functions of `include/spinney.h`, which cbindgen generates from
+//! this crate.
 //!
-//! Handles are opaque, buffers belong to the caller, failures are codes with a text. Nothing prints, exits or unwinds into
-//! the caller. A dataset may be read by any number of threads at once.
-#![allow(non_camel_case_types)] // names as C has them
-#![allow(clippy::missing_safety_doc)] // whoever calls is a C program: the rules are in `spinney.h`'s introduction
+//! Handles are opaque, buffers belong to the caller, and failures are status codes with a message.
+//! No function prints, exits or unwinds into the caller. Any number of threads may read a dataset
+//! at once.
+#![allow(non_camel_case_types)] // C names
+#![allow(clippy::missing_safety_doc)] // callers are C programs: the introduction of `spinney.h` has the rules
 
 mod blocks;
 mod dataset;

@@ -1,5 +1,5 @@
-//! Exact models built of meshes in memory by the C interface, and their sections.
-#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
+//! Exact models built from meshes in memory through the C interface, and their sections.
+#![allow(clippy::undocumented_unsafe_blocks)] // the tests check these very rules
 
 use std::ffi::{CStr, CString, c_char};
 use std::path::{Path, PathBuf};
@@ -15,7 +15,7 @@ use spinney_status::{SPINNEY_INVALID, SPINNEY_OK};
 
 const NO_RING: spinney_ring = spinney_ring { polygon: 9, end: 9, area: 9.0 };
 
-/// Corners of a box from the origin: x changes first.
+/// Vertices of a box from the origin. x changes fastest.
 fn corners_of(size: [f64; 3]) -> Vec<[f64; 3]> {
     (0..8)
         .map(|corner| [0, 1, 2].map(|axis| if corner >> axis & 1 == 1 { size[axis] } else { 0.0 }))
@@ -26,12 +26,12 @@ fn corners_of(size: [f64; 3]) -> Vec<[f64; 3]> {
 const SIDES: [[u32; 4]; 6] =
     [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
 
-/// The sides as triangles.
+/// Returns the sides as triangles.
 fn triangles() -> Vec<u32> {
     SIDES.iter().flat_map(|[a, b, c, d]| [*a, *b, *c, *a, *c, *d]).collect()
 }
 
-/// Arrays of a mesh, and the struct that tells of them.
+/// Returns the struct that describes a mesh's arrays.
 fn mesh_of(vertices: &[[f64; 3]], corners: &[u32]) -> spinney_mesh {
     let mut mesh: spinney_mesh = unsafe { std::mem::zeroed() };
     (mesh.vertices, mesh.vertex_count) = (vertices.as_ptr().cast(), vertices.len());
@@ -43,7 +43,7 @@ fn usual() -> spinney_mesh_options {
     unsafe { std::mem::zeroed() }
 }
 
-/// A folder with room for one file.
+/// A directory for one output file.
 struct Place {
     _folder: TempDir,
     path: PathBuf,
@@ -110,7 +110,7 @@ fn boxes_have_their_volumes() {
     assert_eq!(volume(&place.path), 24.0);
     let made = library(&place.path);
     assert_eq!((made.parts(), made.metadata().provenance.len()), (&["mesh".to_owned()][..], 1));
-    // Numbers of 64 bits, polygons, and options.
+    // 64-bit indices, polygons, and options.
     let wide: Vec<u64> = corners.iter().map(|corner| (*corner).into()).collect();
     let mut wide_mesh = spinney_mesh { corners: wide.as_ptr().cast(), corner_size: 8, ..mesh };
     let name = CString::new("a box").unwrap();
@@ -152,7 +152,7 @@ fn sections_are_those_of_the_library() {
     assert_eq!(volume(&place.path), (64.0 - 4.0) * 4.0);
     let (library, model) = (library(&place.path), open_model(place.path.to_str().unwrap(), 0).unwrap());
     let size = size_of::<spinney_ring>();
-    // Through the tunnel and along it, beside it, across both, and nowhere.
+    // Through the tunnel and along it, next to it, across both, and outside of the block.
     let planes = [
         ([0.0, 0.0, 1.0], [0.0, 0.0, 2.0], 60.0, 2),
         ([1.0, 0.0, 0.0], [4.0, 9.0, 9.0], 24.0, 2),
@@ -253,7 +253,7 @@ fn what_is_no_body_is_refused_closed_or_repaired() {
     assert!(place.is_empty());
     let report = place.build(&[open], &spinney_mesh_options { close: true, ..usual() }).unwrap();
     assert_eq!((report.closed_boundaries, report.closing_triangles, volume(&place.path)), (1, 2, 8.0));
-    // Of several meshes, by their names; each is a part.
+    // Several meshes with names; each is a part.
     let beside: Vec<[f64; 3]> = vertices.iter().map(|[x, y, z]| [x + 1.0, *y, *z]).collect();
     let names = ["left", "right"].map(|name| CString::new(name).unwrap());
     let left = spinney_mesh { name: names[0].as_ptr(), ..mesh_of(&vertices, &corners) };
@@ -332,7 +332,7 @@ fn arguments_that_make_no_sense_are_refused() {
     assert_eq!(volume(&place.path), 8.0);
 }
 
-/// Changes by a repair are told, a line for each, until the next call that makes a model.
+/// Changes by a repair are reported, one line each, until the next call that makes a model.
 #[test]
 fn warnings_are_told() {
     let warnings = || unsafe { CStr::from_ptr(spinney_warnings()) }.to_str().unwrap().to_owned();
@@ -353,7 +353,7 @@ fn warnings_are_told() {
         warnings()
     );
     assert_eq!(std::thread::spawn(|| unsafe { *spinney_warnings() }).join().unwrap(), 0);
-    // Calls that make none leave it, and others forget it.
+    // Calls that make no model keep the warnings; other calls clear them.
     assert_eq!(unsafe { spinney_model_open(null(), 0, null_mut()) }, SPINNEY_INVALID);
     assert!(!warnings().is_empty());
     assert_eq!((build(1, &usual()), warnings()), (SPINNEY_OK, String::new()));

@@ -1,4 +1,4 @@
-//! Meshes in memory, of which exact models are built.
+//! Meshes in memory, from which exact models are built.
 
 use std::ffi::{CStr, c_char, c_void};
 
@@ -13,12 +13,13 @@ use crate::questions::items;
 use crate::status::{Failure, guarded, spinney_status};
 use crate::warnings::Warnings;
 
-/// A mesh in the caller's memory: vertices, and faces over them. Zeros and NULL are for what there is not, as in
-/// `spinney_mesh mesh = {0};`.
+/// A mesh in the caller's memory: vertices, and faces over them. Absent values are zeros and NULL,
+/// as in `spinney_mesh mesh = {0};`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_mesh {
-    /// Name, for errors, and of the only part of a mesh without `part_names`; NULL for "mesh".
+    /// Name, for error messages, and for the only part of a mesh without `part_names`; NULL for
+    /// "mesh".
     pub name: *const c_char,
     /// Coordinates of the vertices: x, y and z of each.
     pub vertices: *const f64,
@@ -26,58 +27,63 @@ pub struct spinney_mesh {
     pub vertex_count: usize,
     /// Colours: red, green and blue of each vertex; NULL for none.
     pub colours: *const u8,
-    /// Corners of all faces, by the numbers of their vertices from 0: counterclockwise seen from outside.
+    /// Face corners: indices of vertices from 0, counterclockwise seen from outside.
     pub corners: *const c_void,
-    /// Number of corners: three of each triangle, where there are no `ring_ends`.
+    /// Number of corners: three per triangle, if there are no `ring_ends`.
     pub corner_count: usize,
-    /// Bytes of each of these numbers: 4 (uint32_t) or 8 (uint64_t).
+    /// Bytes per index: 4 (uint32_t) or 8 (uint64_t).
     pub corner_size: usize,
-    /// Ends of the rings in `corners`, ascending, of faces that are polygons of any number of corners.
+    /// For polygons of any number of corners: the rings' ends in `corners`, ascending.
     pub ring_ends: *const u64,
-    /// Number of rings; 0 where all faces are triangles.
+    /// Number of rings; 0 if all faces are triangles.
     pub ring_count: usize,
-    /// Ends of the faces among the rings, ascending, where faces have holes: the first ring of each is its outer one, its holes go the
-    /// other way round.
+    /// For faces with holes: the faces' ends in `ring_ends`, ascending. A face's first ring is the
+    /// outer one; holes have the opposite direction.
     pub face_ends: *const u64,
-    /// Number of faces that `face_ends` has; 0 where each ring is a face.
+    /// Number of faces in `face_ends`; 0 if each ring is a face.
     pub face_count: usize,
-    /// Number of the part of each face, from 0; NULL where all are of the first.
+    /// Part index of each face, from 0; NULL if all faces belong to the first part.
     pub parts: *const u32,
     /// Names of the parts.
     pub part_names: *const *const c_char,
-    /// Attributes of the parts: of each a JSON object such as {"attributes":{"height":5}}, or NULL. NULL where no part has any.
+    /// Attributes of the parts: for each a JSON object such as {"attributes":{"height":5}}, or
+    /// NULL. NULL if no part has attributes.
     pub part_attributes: *const *const c_char,
-    /// Number of parts that have names.
+    /// Number of named parts.
     pub part_count: usize,
 }
 
-/// For `inside` of spinney_mesh_options: inside are the places that a surface goes around, as cells have it.
+/// For `inside` of spinney_mesh_options: points with a nonzero winding number are inside, as in
+/// trees of cells.
 pub const SPINNEY_INSIDE_NONZERO: u32 = 0;
 
-/// Places that a surface goes around once or more.
+/// Points with a positive winding number are inside.
 pub const SPINNEY_INSIDE_POSITIVE: u32 = 1;
 
-/// Places that a surface goes around an odd number of times.
+/// Points with an odd winding number are inside.
 pub const SPINNEY_INSIDE_ODD: u32 = 2;
 
-/// Options for building an exact model. Zeros are for what is usual, as in `spinney_mesh_options options = {0};`.
+/// Options for building an exact model. Zeros are the defaults, as in `spinney_mesh_options options
+/// = {0};`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_mesh_options {
-    /// Width of the grid's steps, to which corners are moved; 0 for the least power of two that leaves about 2^24 steps along the
-    /// longest side.
+    /// Width of a grid unit: vertices are snapped to the grid. 0 for the smallest power of two that
+    /// leaves about 2^24 units along the longest side.
     pub snap: f64,
-    /// Bytes of memory beside a copy of the meshes; 0 for 256 MiB. What does not fit goes to a temporary file beside the output.
+    /// Bytes of memory in addition to a copy of the meshes; 0 for 256 MiB. Data that do not fit go
+    /// to a temporary file next to the output.
     pub memory: u64,
-    /// The rule by which a repair tells what is inside: SPINNEY_INSIDE_NONZERO, SPINNEY_INSIDE_POSITIVE or SPINNEY_INSIDE_ODD.
+    /// Inside rule of a repair: SPINNEY_INSIDE_NONZERO, SPINNEY_INSIDE_POSITIVE or
+    /// SPINNEY_INSIDE_ODD.
     pub inside: u32,
-    /// Whether open surfaces are closed by triangles over their boundaries.
+    /// Whether to close open surfaces by triangles over their boundaries.
     pub close: bool,
-    /// Whether surfaces that pass through themselves, lie on themselves or are inside out are resolved.
+    /// Whether to repair surfaces that intersect themselves, overlap themselves or are inside out.
     pub repair: bool,
-    /// Unit of length, such as "mm"; NULL if it is not known.
+    /// Unit of length, such as "mm"; NULL if unknown.
     pub unit: *const c_char,
-    /// Definition of the coordinate system, such as "EPSG:25832"; NULL if it is not known.
+    /// Definition of the coordinate reference system, such as "EPSG:25832"; NULL if unknown.
     pub crs: *const c_char,
 }
 
@@ -85,42 +91,47 @@ pub struct spinney_mesh_options {
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_mesh_report {
-    /// Faces that were read, without those that have fewer than three different corners.
+    /// Faces that were read, without those that have fewer than three different vertices.
     pub read: u64,
     /// Faces of the model.
     pub faces: u64,
-    /// Faces that are points or lines on the grid, and were left out.
+    /// Faces that snapping collapsed to points or lines. They are not in the model.
     pub collapsed: u64,
-    /// Faces without area on the grid, which stay and bound nothing.
+    /// Faces without area on the grid. They stay in the model and bound no volume.
     pub slivers: u64,
-    /// Faces that the grid has bent, cut into triangles.
+    /// Faces that snapping made non-planar, cut into triangles.
     pub cut: u64,
-    /// Faces that cross themselves, cut into triangles.
+    /// Faces that intersect themselves, cut into triangles.
     pub fanned: u64,
     /// Boundaries that were closed, and the triangles that close them.
     pub closed_boundaries: u64,
     pub closing_triangles: u64,
-    /// Faces that a repair has divided or taken away, those of them that bounded nothing, and bodies that it has turned.
+    /// Faces that a repair split or removed, those of them that bounded nothing, and bodies that it
+    /// reversed.
     pub repaired_faces: u64,
     pub lost_faces: u64,
     pub turned_bodies: u64,
-    /// Volumes of a repaired surface: as it came, what is inside now, and what cells would have inside; zeros where nothing is repaired.
+    /// Volumes of a repaired surface: before the repair, after it, and by the inside rule of cells.
+    /// Zeros without repair.
     pub volume_before: f64,
     pub volume: f64,
     pub cells_volume: f64,
-    /// The farthest that a corner was moved to the grid.
+    /// Maximum distance by which a vertex was snapped.
     pub displacement: f64,
-    /// Width of the grid's steps.
+    /// Width of a grid unit.
     pub step: f64,
 }
 
-/// Builds the file of an exact model of `count` meshes, one or more, as `spinney build --brep` does of files: each is an object, whose part
-/// or parts have names. `mesh_size` is `sizeof(spinney_mesh)`. `options` may be NULL for what is usual, and `report` where nobody asks; else
-/// `options_size` is `sizeof(spinney_mesh_options)`, and `report_size` `sizeof(spinney_mesh_report)`.
+/// Builds the file of an exact model from `count` meshes, one or more, as `spinney build --brep`
+/// does from files. Each mesh is an object, whose part or parts have names. `mesh_size` is
+/// `sizeof(spinney_mesh)`. `options` may be NULL for the defaults, `report` may be NULL; otherwise
+/// `options_size` is `sizeof(spinney_mesh_options)`, and `report_size`
+/// `sizeof(spinney_mesh_report)`.
 ///
-/// A surface that is open, passes through itself or is inside out bounds no body: SPINNEY_INVALID, with the places, up to 100 of them, in
-/// spinney_error(). Where it fails there is no file. spinney_warnings() tells where a repair has changed the surface or its volume by more than a
-/// hundredth, and the like.
+/// A surface that is open, intersects itself or is inside out bounds no body: SPINNEY_INVALID, with
+/// up to 100 locations in spinney_error(). No file is left if the call fails. spinney_warnings()
+/// reports whether a repair has changed the surface or its volume by more than a hundredth, and
+/// similar remarks.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_build(
     meshes: *const spinney_mesh,
@@ -135,9 +146,9 @@ pub unsafe extern "C" fn spinney_model_build(
     guarded(|| {
         let warnings = Warnings::begin();
         check_size("meshes", mesh_size, size_of::<spinney_mesh>())?;
-        // SAFETY: the caller has so many there.
+        // SAFETY: the caller has `count` meshes there.
         let meshes = unsafe { items("meshes", meshes, count)? };
-        // SAFETY: these are NULL, or structs of the caller's, of whose sizes it is sure.
+        // SAFETY: these are NULL, or the caller's structs, whose sizes are checked.
         let (options, report) = unsafe {
             if !options.is_null() {
                 check_size("options", options_size, size_of::<spinney_mesh_options>())?;
@@ -150,13 +161,13 @@ pub unsafe extern "C" fn spinney_model_build(
         if path.is_null() {
             return Err(Failure::invalid("path: got NULL, expected one"));
         }
-        // SAFETY: as these say.
+        // SAFETY: the pointers in the options are valid or NULL.
         let options = unsafe { options.map_or_else(|| Ok(ExactOptions::new()), |options| options.exact())? };
-        // SAFETY: the caller passes a zero-terminated text.
+        // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         let models: Vec<Box<dyn Model>> = meshes
             .iter()
-            // SAFETY: the caller has what its structs say.
+            // SAFETY: the caller's structs describe its arrays.
             .map(|mesh| Ok(unsafe { mesh.arrays()? }.model()?))
             .collect::<Result<_, Failure>>()?;
         let built = import_exact(models, &options, Output::create(&path)?, &warnings)?;
@@ -168,7 +179,7 @@ pub unsafe extern "C" fn spinney_model_build(
 }
 
 impl spinney_mesh_options {
-    /// The library's options.
+    /// Converts to the library's options.
     unsafe fn exact(&self) -> Result<ExactOptions, Failure> {
         let mut options = ExactOptions::new();
         options.snap = (self.snap != 0.0).then_some(self.snap);
@@ -186,7 +197,7 @@ impl spinney_mesh_options {
             }
         };
         (options.close, options.repair) = (self.close, self.repair);
-        // SAFETY: these are NULL, or zero-terminated texts.
+        // SAFETY: these are NULL, or zero-terminated strings.
         let (unit, crs) = unsafe { (text("unit", self.unit)?, text("crs", self.crs)?) };
         options.unit = unit.map(String::from);
         options.crs = crs.map(Crs::parse).transpose()?;
@@ -195,10 +206,11 @@ impl spinney_mesh_options {
 }
 
 impl spinney_mesh {
-    /// A copy of the caller's arrays.
+    /// Copies the caller's arrays.
     unsafe fn arrays(&self) -> Result<MeshArrays, Failure> {
         let mut mesh = MeshArrays::default();
-        // SAFETY: the caller has as much there as it says, or NULL and nothing, which is found.
+        // SAFETY: the caller's arrays have the stated lengths; NULL with a length above 0 is
+        // detected.
         unsafe {
             mesh.name = text("name", self.name)?.unwrap_or("mesh").into();
             mesh.vertices = items("vertices", self.vertices.cast::<[f64; 3]>(), self.vertex_count)?.to_vec();
@@ -206,7 +218,8 @@ impl spinney_mesh {
                 4 => items("corners", self.corners.cast::<u32>(), self.corner_count)?.to_vec(),
                 8 => items("corners", self.corners.cast::<u64>(), self.corner_count)?
                     .iter()
-                    // (Those that are out of range are found with the others, and there are fewer vertices than 2^32.)
+                    // (The model checks all indices. It has fewer than 2^32 vertices, so that
+                    // u32::MAX is out of range.)
                     .map(|corner| u32::try_from(*corner).unwrap_or(u32::MAX))
                     .collect(),
                 other => return Err(Failure::invalid(format!("corner_size: got {other}, expected 4 or 8"))),
@@ -240,17 +253,17 @@ impl spinney_mesh {
     }
 }
 
-/// Ends as the library has them.
+/// Converts ends to the library's type.
 fn ends(ends: &[u64]) -> Vec<usize> {
     ends.iter().map(|end| usize::try_from(*end).unwrap_or(usize::MAX)).collect()
 }
 
-/// A text of the caller's, if it is there.
+/// Returns a string of the caller, if there is one.
 unsafe fn text<'a>(name: &str, text: *const c_char) -> Result<Option<&'a str>, Failure> {
     if text.is_null() {
         return Ok(None);
     }
-    // SAFETY: the caller passes a zero-terminated text.
+    // SAFETY: the caller passes a zero-terminated string.
     let text = unsafe { CStr::from_ptr(text) }.to_str();
     text.map(Some).map_err(|_| Failure::invalid(format!("{name}: got other bytes, expected UTF-8")))
 }

@@ -6,7 +6,7 @@ use engine::raw::io::shown;
 use engine::{Crs, Dataset};
 use serde_json::{Map, Value, json};
 
-/// The document that `spinney_metadata` hands out.
+/// Returns the JSON document of `spinney_metadata`.
 pub(crate) fn json(dataset: &Dataset) -> CString {
     let (header, metadata) = (dataset.header(), dataset.metadata());
     let crs = metadata.frame.crs.as_ref().map(|crs| {
@@ -51,6 +51,6 @@ pub(crate) fn json(dataset: &Dataset) -> CString {
         "scoped_tags": scoped,
         "provenance": metadata.clean_provenance(),
     });
-    // (JSON has no zero bytes: they are written as escapes.)
+    // (JSON has no zero bytes: they are escaped.)
     CString::new(document.to_string()).unwrap_or_default()
 }

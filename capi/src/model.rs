@@ -1,4 +1,4 @@
-//! Exact models: opening files of them, and questions.
+//! Opening and querying of exact models.
 
 use std::ffi::{CStr, c_char};
 
@@ -9,38 +9,39 @@ use crate::dataset::{SPINNEY_POSITIONED, path_of};
 use crate::questions::{buffer, items};
 use crate::status::{Failure, guarded, spinney_status};
 
-/// An exact model: the boundary of a body, kept as it is and not as cells.
+/// An exact model: the boundary of a body, stored unchanged, not as cells.
 pub struct spinney_model {
     model: ExactModel,
 }
 
-/// Numbers of an exact model.
+/// Counts and grid of an exact model.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_model_info {
     /// Number of faces.
     pub faces: u64,
-    /// Number of the octree's nodes.
+    /// Number of octree nodes.
     pub nodes: u64,
-    /// Number of the parts to which faces belong.
+    /// Number of parts. Each face belongs to one.
     pub parts: u64,
     /// Levels of the octree.
     pub depth: u32,
     /// Bits of the grid's coordinates: there are 2^bits points along each axis.
     pub bits: u32,
-    /// Width of the grid's steps in the world.
+    /// Width of a grid unit in the world.
     pub step: f64,
-    /// The grid's least point in the world.
+    /// The grid's minimum corner in the world.
     pub origin: [f64; 3],
 }
 
-/// Measures of an exact model, of a density of 1: exact numbers for its grid, each rounded once (but for the area).
+/// Measures of an exact model, for a density of 1: computed exactly on its grid, and rounded once
+/// (except the area).
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_mass {
     pub volume: f64,
     pub area: f64,
-    /// Centre of gravity; zeros if has_centre is false, since there is no volume.
+    /// Centre of gravity; zeros if has_centre is false, which means that there is no volume.
     pub centre: [f64; 3],
     /// Integrals of the products of two coordinates about the centre, row by row.
     pub second_moments: [f64; 9],
@@ -49,7 +50,7 @@ pub struct spinney_mass {
     pub has_centre: bool,
 }
 
-/// Place of a point, by spinney_model_locate(): outside of the body.
+/// Location of a point, by spinney_model_locate(): outside of the body.
 pub const SPINNEY_OUTSIDE: i8 = -1;
 
 /// On a face, an edge or a vertex.
@@ -58,26 +59,27 @@ pub const SPINNEY_BOUNDARY: i8 = 0;
 /// Inside the body.
 pub const SPINNEY_INSIDE: i8 = 1;
 
-/// What a ray meets first.
+/// The first hit of a ray.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_hit {
-    /// How far away it is, in lengths of the ray's direction.
+    /// Distance from the ray's origin, in lengths of the ray's direction.
     pub distance: f64,
-    /// The place in the world.
+    /// Position in the world.
     pub point: [f64; 3],
-    /// Number of the face.
+    /// Index of the face.
     pub face: u64,
-    /// Number of its part.
+    /// Index of its part.
     pub part: u32,
-    /// Whether the ray comes from outside.
+    /// Whether the ray enters the body there.
     pub is_entry: bool,
-    /// Whether anything is met; else the rest is zeros.
+    /// Whether the ray hits the surface; otherwise all other fields are zeros.
     pub is_hit: bool,
 }
 
-/// Opens the file of an exact model, as `spinney build --brep` makes them. `flags` is 0 or SPINNEY_POSITIONED. The model is to
-/// be closed by spinney_model_close(). Trees of cells are SPINNEY_CORRUPT: spinney_open() is for these.
+/// Opens the file of an exact model, as built by `spinney build --brep`. `flags` is 0 or
+/// SPINNEY_POSITIONED. Close the model with spinney_model_close(). SPINNEY_CORRUPT for trees of
+/// cells: open them with spinney_open().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_open(
     path: *const c_char,
@@ -93,7 +95,7 @@ pub unsafe extern "C" fn spinney_model_open(
             let text = format!("spinney_model_open: got flags {flags}, expected 0 or SPINNEY_POSITIONED");
             return Err(Failure::invalid(text));
         }
-        // SAFETY: the caller passes a zero-terminated text.
+        // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         let mut options = OpenOptions::new();
         if flags & SPINNEY_POSITIONED != 0 {
@@ -106,19 +108,19 @@ pub unsafe extern "C" fn spinney_model_open(
     })
 }
 
-/// Closes a model; NULL is nothing to close.
+/// Closes a model. Does nothing for NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_close(model: *mut spinney_model) {
     guarded(|| {
         if !model.is_null() {
-            // SAFETY: it comes from spinney_model_open(), and nobody uses it any more.
+            // SAFETY: it comes from spinney_model_open(), and no other thread uses it any more.
             drop(unsafe { Box::from_raw(model) });
         }
         Ok(())
     });
 }
 
-/// The model behind a handle.
+/// Returns the model of a handle.
 pub(crate) unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a ExactModel, Failure> {
     // SAFETY: it is NULL, or comes from spinney_model_open() and is not closed.
     let handle = unsafe { model.as_ref() };
@@ -127,20 +129,20 @@ pub(crate) unsafe fn opened<'a>(model: *const spinney_model) -> Result<&'a Exact
     Ok(&handle.model)
 }
 
-/// The caller's place for an answer.
+/// Returns the caller's variable for a result.
 pub(crate) unsafe fn place<'a, T>(name: &str, place: *mut T) -> Result<&'a mut T, Failure> {
-    // SAFETY: it is NULL, or a place of the caller's.
+    // SAFETY: it is NULL, or points to the caller's variable.
     unsafe { place.as_mut() }.ok_or_else(|| Failure::invalid(format!("{name}: got NULL, expected a place")))
 }
 
-/// The caller's place for a struct, of whose size it is sure.
+/// Returns the caller's struct for a result, after a check of its size.
 unsafe fn sized<'a, T>(name: &str, answer: *mut T, size: usize) -> Result<&'a mut T, Failure> {
     check_size(name, size, size_of::<T>())?;
-    // SAFETY: as that says.
+    // SAFETY: see `place`.
     unsafe { place(name, answer) }
 }
 
-/// Fails if a struct has another size for the caller.
+/// Fails if the caller's struct has another size.
 pub(crate) fn check_size(name: &str, size: usize, expected: usize) -> Result<(), Failure> {
     if size == expected {
         return Ok(());
@@ -148,20 +150,20 @@ pub(crate) fn check_size(name: &str, size: usize, expected: usize) -> Result<(),
     Err(Failure::invalid(format!("{name}: got {size} bytes, expected a place of {expected}")))
 }
 
-/// Points of the caller's: so many, of three coordinates each.
+/// Returns the caller's points: `count` of them, three coordinates each.
 unsafe fn points_at<'a>(points: *const f64, count: usize) -> Result<&'a [[f64; 3]], Failure> {
-    // SAFETY: the caller has so many there.
+    // SAFETY: the caller has `count` points there.
     unsafe { items("points", points.cast(), count) }
 }
 
-/// Fails with SPINNEY_CHANGED if the file was overwritten or cut short since it was opened.
+/// Fails with SPINNEY_CHANGED if the file was overwritten or truncated after it was opened.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_check_unchanged(model: *const spinney_model) -> spinney_status {
-    // SAFETY: as `opened` says.
+    // SAFETY: see `opened`.
     guarded(|| Ok(unsafe { opened(model) }?.check_unchanged()?))
 }
 
-/// Tells a model's numbers. `info_size` is `sizeof(spinney_model_info)`.
+/// Writes counts and grid of a model to `info`. `info_size` is `sizeof(spinney_model_info)`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_describe(
     model: *const spinney_model,
@@ -169,7 +171,7 @@ pub unsafe extern "C" fn spinney_model_describe(
     info_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `sized`.
         let (model, info) = unsafe { (opened(model)?, sized("info", info, info_size)?) };
         let grid = model.grid();
         *info = spinney_model_info {
@@ -185,14 +187,15 @@ pub unsafe extern "C" fn spinney_model_describe(
     })
 }
 
-/// Least and greatest coordinates of the surface, exact: `bounds` has room for three and three.
+/// Writes the exact bounding box of the surface to `bounds`: three minimum and three maximum
+/// coordinates.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_bounds(
     model: *const spinney_model,
     bounds: *mut [f64; 6],
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `place`.
         let (model, bounds) = unsafe { (opened(model)?, place("bounds", bounds)?) };
         let found = model.bounds()?;
         bounds.copy_from_slice(found.as_flattened());
@@ -208,7 +211,7 @@ pub unsafe extern "C" fn spinney_model_measure(
     mass_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `sized`.
         let (model, mass) = unsafe { (opened(model)?, sized("mass", mass, mass_size)?) };
         let found = MassProperties::of(model, &())?;
         let rows = |matrix: [[f64; 3]; 3]| std::array::from_fn(|i| matrix[i / 3][i % 3]);
@@ -224,8 +227,9 @@ pub unsafe extern "C" fn spinney_model_measure(
     })
 }
 
-/// Tells of each of `count` points (x, y, z in the world) where it lies: SPINNEY_OUTSIDE, SPINNEY_BOUNDARY or SPINNEY_INSIDE in each of as many bytes. Exact. Works in the
-/// calling thread; several may ask at once.
+/// Locates each of `count` points (x, y, z in the world): writes SPINNEY_OUTSIDE, SPINNEY_BOUNDARY
+/// or SPINNEY_INSIDE to one byte per point. Exact. Runs in the calling thread; several threads may
+/// query at once.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_locate(
     model: *const spinney_model,
@@ -235,9 +239,9 @@ pub unsafe extern "C" fn spinney_model_locate(
     location_count: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `points_at`.
         let (model, points) = unsafe { (opened(model)?, points_at(points, count)?) };
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let locations = unsafe { buffer("locations", locations, location_count, Some(count as u64))? };
         let mut found = Vec::with_capacity(BATCH.min(count));
         for (points, locations) in points.chunks(BATCH).zip(locations.chunks_mut(BATCH)) {
@@ -255,11 +259,11 @@ pub unsafe extern "C" fn spinney_model_locate(
     })
 }
 
-/// Points that are answered at a time.
+/// Points or rays that are processed together.
 const BATCH: usize = 4096;
 
-/// Tells how far each of `count` points is from the surface: negative inside, 0 on it, infinite for what is no number. Works in the
-/// calling thread, as spinney_model_locate() does.
+/// Writes each of `count` points' distance from the surface: negative inside, 0 on it, infinite for
+/// points that are not finite. Runs in the calling thread, like spinney_model_locate().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_distance(
     model: *const spinney_model,
@@ -269,9 +273,9 @@ pub unsafe extern "C" fn spinney_model_distance(
     distance_count: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `points_at`.
         let (model, points) = unsafe { (opened(model)?, points_at(points, count)?) };
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let distances = unsafe { buffer("distances", distances, distance_count, Some(count as u64))? };
         for (point, distance) in points.iter().zip(distances) {
             *distance = model.signed_distance(*point)?;
@@ -280,8 +284,8 @@ pub unsafe extern "C" fn spinney_model_distance(
     })
 }
 
-/// Finds what a ray from `origin` along `direction` meets first; no ray slips through between two faces. `hit_size` is
-/// `sizeof(spinney_hit)`.
+/// Finds the first hit of a ray from `origin` along `direction`. No ray passes between two adjacent
+/// faces. `hit_size` is `sizeof(spinney_hit)`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_ray(
     model: *const spinney_model,
@@ -291,9 +295,9 @@ pub unsafe extern "C" fn spinney_model_ray(
     hit_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `sized`.
         let (model, hit) = unsafe { (opened(model)?, sized("hit", hit, hit_size)?) };
-        // SAFETY: as that says.
+        // SAFETY: see `points_at`.
         let (origin, direction) = unsafe { (points_at(origin, 1)?[0], points_at(direction, 1)?[0]) };
         check_ray(&origin, &direction)?;
         let (found, _) = model.ray(origin, direction)?;
@@ -302,7 +306,7 @@ pub unsafe extern "C" fn spinney_model_ray(
     })
 }
 
-/// Fails for what is no ray.
+/// Fails if a coordinate is not finite, or the direction is zero.
 fn check_ray(origin: &[f64; 3], direction: &[f64; 3]) -> Result<(), Failure> {
     if origin.iter().chain(direction).all(|at| at.is_finite()) && *direction != [0.0; 3] {
         return Ok(());
@@ -324,9 +328,10 @@ fn hit_of(found: Option<&Hit>) -> spinney_hit {
     })
 }
 
-/// Finds what each of `count` rays, from one of `origins` along one of `directions` (x, y, z each), meets first, to as many `hits`, each of
-/// which has `hit_size` bytes, `sizeof(spinney_hit)`. Works in the calling thread; several may ask at once. Rays that follow each other take the
-/// least time where they are near each other.
+/// Finds the first hit of each of `count` rays, from one of `origins` along one of `directions` (x,
+/// y, z each). Writes as many `hits`, each of `hit_size` bytes, `sizeof(spinney_hit)`. Runs in the
+/// calling thread; several threads may query at once. Fastest if consecutive rays are near each
+/// other.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_rays(
     model: *const spinney_model,
@@ -339,9 +344,9 @@ pub unsafe extern "C" fn spinney_model_rays(
 ) -> spinney_status {
     guarded(|| {
         check_size("hits", hit_size, size_of::<spinney_hit>())?;
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `points_at`.
         let (model, origins) = unsafe { (opened(model)?, points_at(origins, count)?) };
-        // SAFETY: as these say.
+        // SAFETY: see `points_at` and `buffer`.
         let (directions, hits) =
             unsafe { (points_at(directions, count)?, buffer("hits", hits, hit_count, Some(count as u64))?) };
         origins.iter().zip(directions).try_for_each(|(origin, direction)| check_ray(origin, direction))?;

@@ -1,5 +1,6 @@
-//! Rays, shells and set operations of exact models by the C interface, against the library.
-#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
+//! Rays, shells and set operations of exact models through the C interface, compared with the
+//! library.
+#![allow(clippy::undocumented_unsafe_blocks)] // the tests check these very rules
 
 use std::ffi::CString;
 use std::ptr::{null, null_mut};
@@ -81,7 +82,7 @@ fn shells_are_those_of_the_library() {
             assert_eq!((found, shell.genus), (of, expected.genus().map_or(-1, |genus| genus as i64)));
         }
         assert_eq!(shells[count].faces, 9, "nothing is written behind them");
-        // Some of them, none, and what is refused.
+        // A shorter buffer, no buffer, and arguments that are refused.
         let done = spinney_model_shells(model, 1 << 30, shells.as_mut_ptr(), 1, size, &mut count);
         assert_eq!((done, count), (SPINNEY_OK, topology.shells() as usize));
         assert_eq!(spinney_model_shells(model, 1 << 30, null_mut(), 0, size, &mut count), SPINNEY_OK);

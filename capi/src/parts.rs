@@ -13,9 +13,11 @@ use engine::{Error, FileAccess, OpenOptions, Result};
 use crate::dataset::{path_of, spinney_dataset};
 use crate::status::{Failure, guarded, spinney_status};
 
-/// Reads parts of a file: `count` of them, the first from `offsets[0]` on, `lengths[0]` bytes to `buffers[0]`, and so on; `user` is what
-/// spinney_open_parts() was given. Returns 0, or another number if one of them cannot be read. All parts of a call are needed before
-/// anything goes on, so that they are best asked for at the same time. May be called by any thread, and by several at once.
+/// Reads `count` ranges of a file: the first from offset `offsets[0]`, `lengths[0]` bytes to
+/// `buffers[0]`, and so on. `user` is the pointer given to spinney_open_parts(). Returns 0, or
+/// another number if one of the ranges cannot be read. The query continues when all ranges of a
+/// call are read, so that they should be requested concurrently. Any thread may call the function,
+/// and several at once.
 pub type spinney_fetch = Option<
     unsafe extern "C" fn(
         user: *mut c_void,
@@ -26,7 +28,7 @@ pub type spinney_fetch = Option<
     ) -> i32,
 >;
 
-/// Called when nothing of a file is read any more, with what spinney_open_parts() was given.
+/// Called when the file is not read any more, with the pointer given to spinney_open_parts().
 pub type spinney_release = Option<unsafe extern "C" fn(user: *mut c_void)>;
 
 /// A file that the caller reads.
@@ -39,21 +41,21 @@ struct CallersFile {
     number: u64,
 }
 
-// SAFETY: the caller has said that its functions may be called by any thread.
+// SAFETY: by the contract of spinney_open_parts(), any thread may call the caller's functions.
 unsafe impl Send for CallersFile {}
-// SAFETY: and by several at once.
+// SAFETY: by the same contract, several threads may call them at once.
 unsafe impl Sync for CallersFile {}
 
 impl Drop for CallersFile {
     fn drop(&mut self) {
         if let Some(release) = self.release {
-            // SAFETY: the caller has given both, and nobody calls `fetch` any more.
+            // SAFETY: both come from the caller, and `fetch` is not called any more.
             unsafe { release(self.user) };
         }
     }
 }
 
-/// The way to its bytes.
+/// Fetches ranges through the caller's function.
 struct Reader(Arc<CallersFile>);
 
 impl Fetch for Reader {
@@ -63,7 +65,8 @@ impl Fetch for Reader {
         let lengths: Vec<usize> = ranges.iter().map(|range| (range.end - range.start) as usize).collect();
         let mut parts: Vec<Vec<u8>> = lengths.iter().map(|length| vec![0; *length]).collect();
         let buffers: Vec<*mut u8> = parts.iter_mut().map(Vec::as_mut_ptr).collect();
-        // SAFETY: there are as many offsets, lengths and buffers as it is told, each buffer as long as its length says.
+        // SAFETY: there are `ranges.len()` offsets, lengths and buffers, and each buffer has its
+        // stated length.
         let status =
             unsafe { fetch(*user, ranges.len(), offsets.as_ptr(), lengths.as_ptr(), buffers.as_ptr()) };
         match status {
@@ -76,9 +79,11 @@ impl Fetch for Reader {
     }
 }
 
-/// Opens a tree file that the caller reads, of `length` bytes; `name` is for messages, and says which commit is read if it ends with one
-/// (`map.autumn@12`). What an answer needs is asked for in few calls of `fetch`, and held. `release` (which may be NULL) is called once
-/// when the dataset and all others of the file are closed, also if opening fails. The dataset is to be closed by spinney_close().
+/// Opens a tree file of `length` bytes that the caller reads. `name` is for messages; it selects
+/// the commit if it ends with one (`map.autumn@12`). Ranges that a query needs are requested in few
+/// calls of `fetch`, and cached. `release` (which may be NULL) is called once when the dataset and
+/// all others of the file are closed, also if opening fails. Close the dataset with
+/// spinney_close().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_open_parts(
     name: *const c_char,
@@ -95,7 +100,7 @@ pub unsafe extern "C" fn spinney_open_parts(
             )
         };
         let fetch = fetch.filter(|_| !name.is_null() && !dataset.is_null()).ok_or_else(missing)?;
-        // SAFETY: the caller passes a zero-terminated text.
+        // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(name) })?;
         let number = RangeCache::file_number();
         let file = Arc::new(CallersFile { user, fetch, release, path: path.clone(), length, number });
@@ -110,7 +115,7 @@ pub unsafe extern "C" fn spinney_open_parts(
             )))
         });
         let opened = dataset::open(&path, &OpenOptions::new().source(source))?;
-        // SAFETY: it is not NULL, and the caller's.
+        // SAFETY: `dataset` is not NULL, and points to the caller's pointer.
         unsafe { spinney_dataset::hand_out(opened, dataset) };
         Ok(())
     })

@@ -1,4 +1,4 @@
-//! Questions: windows, points, statistics.
+//! Queries: windows, points, statistics.
 
 use std::cmp::Ordering;
 use std::ffi::c_void;
@@ -10,7 +10,7 @@ use engine::query::PointSamples;
 use crate::dataset::{level_of, opened, spinney_dataset};
 use crate::status::{Failure, guarded, spinney_status};
 
-/// A box of cells of a level; z is 0 and 1 in quadtrees.
+/// A box of cells of a level. In quadtrees z starts at 0 and has size 1.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct spinney_box {
@@ -27,9 +27,9 @@ impl From<Bounds> for spinney_box {
     }
 }
 
-/// The box at a pointer.
+/// Returns the box at a pointer; `None` for NULL.
 pub(crate) unsafe fn bounds_at(cells: *const spinney_box) -> Result<Option<Bounds>, Failure> {
-    // SAFETY: it is NULL, or one of the caller's.
+    // SAFETY: it is NULL, or points to the caller's box.
     let Some(cells) = (unsafe { cells.as_ref() }) else { return Ok(None) };
     let mut max = [0; 3];
     for (axis, max) in max.iter_mut().enumerate() {
@@ -40,13 +40,13 @@ pub(crate) unsafe fn bounds_at(cells: *const spinney_box) -> Result<Option<Bound
     Ok(Some(Bounds { min: cells.start, max }))
 }
 
-/// The box at a pointer, which must be there.
+/// Returns the box at a pointer that must not be NULL.
 pub(crate) unsafe fn some_bounds_at(cells: *const spinney_box) -> Result<Bounds, Failure> {
-    // SAFETY: as that says.
+    // SAFETY: see `bounds_at`.
     unsafe { bounds_at(cells) }?.ok_or_else(|| Failure::invalid("box: got NULL, expected one"))
 }
 
-/// The caller's buffer of so many items, which must have exactly so many.
+/// Returns the caller's buffer of `count` items. Fails if another number is expected.
 pub(crate) unsafe fn buffer<'a, T>(
     name: &str,
     items: *mut T,
@@ -61,11 +61,11 @@ pub(crate) unsafe fn buffer<'a, T>(
     if items.is_null() {
         return Ok(&mut []);
     }
-    // SAFETY: the caller has so many items there, for nobody else while the call takes.
+    // SAFETY: the caller has `count` items there, which no other thread uses during the call.
     Ok(unsafe { slice::from_raw_parts_mut(items, count) })
 }
 
-/// The caller's array of so many items.
+/// Returns the caller's array of `count` items.
 pub(crate) unsafe fn items<'a, T>(name: &str, items: *const T, count: usize) -> Result<&'a [T], Failure> {
     if count == 0 {
         return Ok(&[]);
@@ -74,11 +74,11 @@ pub(crate) unsafe fn items<'a, T>(name: &str, items: *const T, count: usize) -> 
         let found = if items.is_null() { "NULL".into() } else { format!("{count} at {items:?}") };
         return Err(Failure::invalid(format!("{name}: got {found}, expected an array in memory")));
     }
-    // SAFETY: the caller has so many there.
+    // SAFETY: the caller has `count` items there.
     Ok(unsafe { slice::from_raw_parts(items, count) })
 }
 
-/// Cells of a box and the bytes that they take, if these are numbers at all.
+/// Returns a box's cell count and its size in bytes, unless they overflow.
 pub(crate) fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure> {
     let extents = (0..3).map(|axis| bounds.max[axis] - bounds.min[axis]);
     let cells = extents.into_iter().try_fold(1u64, u64::checked_mul);
@@ -88,11 +88,12 @@ pub(crate) fn sizes(bounds: &Bounds, width: usize) -> Result<(u64, u64), Failure
         .ok_or_else(|| Failure::invalid("box: got more than 2^64 cells, expected what fits into memory"))
 }
 
-/// Reads a box of cells of a level: x fastest, then y, then z, the samples of a cell together. `samples_size` is the bytes of
-/// all of them, `cells * cell_size`; they need not be aligned. Cells that are VOID, or outside, get `fill` in every channel. `valid` may be NULL (with
-/// `valid_size` 0), else it has a byte for each cell: 1 where there is a value, 0 where not.
+/// Reads a box of cells of a level: x fastest, then y, then z, with the samples of a cell
+/// interleaved. `samples_size` is the size in bytes, `cells * cell_size`; the samples need not be
+/// aligned. Cells that are VOID or outside get `fill` in every channel. `valid` may be NULL (with
+/// `valid_size` 0); otherwise it gets one byte per cell: 1 if the cell has a value, 0 if not.
 ///
-/// Takes time by the cells of the box, whatever lies below them.
+/// Takes time by the cells of the box, whatever the levels below them have.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_read(
     dataset: *const spinney_dataset,
@@ -105,44 +106,45 @@ pub unsafe extern "C" fn spinney_read(
     valid_size: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `some_bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
         let (count, bytes) = sizes(&bounds, dataset.header().form.width())?;
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let samples = unsafe { buffer("samples", samples.cast(), samples_size, Some(bytes))? };
         let valid = if valid.is_null() && valid_size == 0 {
             None
         } else {
-            // SAFETY: as that says.
+            // SAFETY: see `buffer`.
             Some(flags(unsafe { buffer("valid", valid, valid_size, Some(count))? }))
         };
         Ok(dataset.window(level_of(level), &bounds, fill, samples, valid)?)
     })
 }
 
-/// Bytes as flags, all `false`.
+/// Converts bytes to flags, all `false`.
 pub(crate) fn flags(bytes: &mut [u8]) -> &mut [bool] {
     bytes.fill(0);
     // SAFETY: a bool is a byte that is 0 or 1, and all of these are 0.
     unsafe { slice::from_raw_parts_mut(bytes.as_mut_ptr().cast(), bytes.len()) }
 }
 
-/// Cells of a box where they stand in a mapped file. None of them is VOID.
+/// Cells of a box in a mapped file, not copied. None of them is VOID.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_view {
-    /// The first cell; not aligned, and there until the dataset is closed or refreshed.
+    /// The first cell; not aligned. Valid until the dataset is closed or refreshed.
     pub samples: *const c_void,
-    /// Bytes from a cell to that in the next row.
+    /// Bytes from a cell to the same cell in the next row.
     pub row_stride: usize,
-    /// Bytes from a cell to that in the next layer.
+    /// Bytes from a cell to the same cell in the next slice along z.
     pub layer_stride: usize,
 }
 
-/// Shows a box of cells of a level where it stands in the file, without a copy: the samples of a cell together, the cells of a row
-/// one behind the other. That can be if the file is a mapped Goblin file and no view, and has the box in one dense block: where no two
-/// cells are alike, boxes within aligned ones of up to 256 x 256 cells (16 x 16 x 16 in octrees). SPINNEY_UNSUPPORTED if not:
-/// spinney_read() reads all boxes.
+/// Returns a pointer to a box of cells of a level in the file, without a copy. Samples of a cell
+/// are interleaved, and cells of a row are contiguous. This is possible in a mapped Goblin file,
+/// not in a view, if one dense block has the whole box. Where no two cells are alike, dense blocks
+/// are aligned boxes of up to 256 x 256 cells (16 x 16 x 16 in octrees). SPINNEY_UNSUPPORTED if
+/// not: spinney_read() reads all boxes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_view_of(
     dataset: *const spinney_dataset,
@@ -151,9 +153,9 @@ pub unsafe extern "C" fn spinney_view_of(
     view: *mut spinney_view,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `some_bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, some_bounds_at(cells)?) };
-        // SAFETY: it is NULL, or a place of the caller's.
+        // SAFETY: it is NULL, or points to the caller's struct.
         let view =
             unsafe { view.as_mut() }.ok_or_else(|| Failure::invalid("view: got NULL, expected a place"))?;
         let stored = dataset.stored_rows(level_of(level), &bounds)?.ok_or_else(Failure::not_stored)?;
@@ -166,9 +168,11 @@ pub unsafe extern "C" fn spinney_view_of(
     })
 }
 
-/// Reads single cells of a level: `cells` has x, y and z of each, `count` of them, in any order. `samples` has room for
-/// `count * channels` numbers; `valid` (which may be NULL) for `count` flags, as in spinney_read(). Cells that are VOID, or outside,
-/// are not a number. Integers of 64 bits are the nearest doubles: spinney_point_samples() has them exactly. Much faster than one call for each.
+/// Reads `count` single cells of a level, in any order: `cells` has x, y and z of each. `samples`
+/// has a capacity of `count * channels` numbers; `valid` (which may be NULL) of `count` flags, as
+/// in spinney_read(). Cells that are VOID or outside get NaN. 64-bit integers are rounded to the
+/// nearest doubles: spinney_point_samples() returns them exactly. Much faster than one call per
+/// cell.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_points(
     dataset: *const spinney_dataset,
@@ -179,13 +183,13 @@ pub unsafe extern "C" fn spinney_points(
     valid: *mut u8,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as that says.
+        // SAFETY: see `opened`.
         let dataset = &unsafe { opened(dataset) }?.dataset;
         let channels = usize::from(dataset.header().form.value.channels);
         let numbers = count.checked_mul(channels).filter(|_| !cells.is_null() || count == 0);
         let numbers = numbers
             .ok_or_else(|| Failure::invalid("cells: got NULL, or too many, expected x, y, z of each"))?;
-        // SAFETY: the caller has so many cells there, and room for what is found of them.
+        // SAFETY: the caller has `count` cells and flags there, and `count * channels` numbers.
         let (cells, samples, valid) = unsafe {
             let cells = if count == 0 { &[][..] } else { slice::from_raw_parts(cells, count) };
             let valid = if valid.is_null() { &mut [][..] } else { buffer("valid", valid, count, None)? };
@@ -209,11 +213,11 @@ pub unsafe extern "C" fn spinney_points(
     })
 }
 
-/// Statistics of one channel; the standard deviation is that of the population.
+/// Statistics of one channel. The standard deviation is that of the population.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
 pub struct spinney_channel_statistics {
-    /// Cells that have a sample. All other numbers are not numbers if there are none.
+    /// Cells that have a sample. If there are none, all other fields are NaN.
     pub cells: u64,
     pub min: f64,
     pub max: f64,
@@ -229,12 +233,13 @@ pub struct spinney_statistics {
     pub cells: u64,
     /// Cells that are VOID.
     pub void_cells: u64,
-    /// Classes that spinney_classes() has.
+    /// Class count, as in spinney_classes().
     pub classes: u64,
     pub channels: [spinney_channel_statistics; 4],
 }
 
-/// Exact statistics of a box of cells of the deepest level; of all of them if `cells` is NULL. Takes time by the box's border.
+/// Computes exact statistics of a box of cells of the deepest level, or of all cells if `cells` is
+/// NULL. Takes time by the length of the box's border.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_statistics_of(
     dataset: *const spinney_dataset,
@@ -242,9 +247,9 @@ pub unsafe extern "C" fn spinney_statistics_of(
     statistics: *mut spinney_statistics,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
-        // SAFETY: it is NULL, or a place of the caller's.
+        // SAFETY: it is NULL, or points to the caller's struct.
         let place = unsafe { statistics.as_mut() };
         let place = place.ok_or_else(|| Failure::invalid("statistics: got NULL, expected a place"))?;
         let found = dataset.statistics(bounds, &())?;
@@ -271,8 +276,9 @@ pub unsafe extern "C" fn spinney_statistics_of(
     })
 }
 
-/// Classes of a box of cells, as spinney_statistics_of() takes it, by ascending value, and the cells of each. There is room for
-/// `capacity` of each; `count` is how many there are, of which those that have room are written.
+/// Counts the cells of each class in a box, as in spinney_statistics_of(), by ascending value.
+/// `values` and `counts` have a capacity of `capacity` items. `count` is set to the class count;
+/// only classes within the capacity are written.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_classes(
     dataset: *const spinney_dataset,
@@ -283,9 +289,9 @@ pub unsafe extern "C" fn spinney_classes(
     count: *mut usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
-        // SAFETY: these are places of the caller's, or NULL, which is found.
+        // SAFETY: these point to the caller's memory, or are NULL, which is detected.
         let (values, counts, count) = unsafe {
             let count =
                 count.as_mut().ok_or_else(|| Failure::invalid("count: got NULL, expected a place"))?;
@@ -300,8 +306,8 @@ pub unsafe extern "C" fn spinney_classes(
     })
 }
 
-/// Cells of a box (of the deepest level; all if `cells` is NULL) whose first channel lies in each of `count` equal parts of `low`
-/// to `high`.
+/// Counts the cells of a box (of the deepest level; all if `cells` is NULL) whose first channel
+/// lies in each of `count` equal intervals from `low` to `high`.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_histogram(
     dataset: *const spinney_dataset,
@@ -312,9 +318,9 @@ pub unsafe extern "C" fn spinney_histogram(
     count: usize,
 ) -> spinney_status {
     guarded(|| {
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `bounds_at`.
         let (dataset, bounds) = unsafe { (&opened(dataset)?.dataset, bounds_at(cells)?) };
-        // SAFETY: as that says.
+        // SAFETY: see `buffer`.
         let bins = unsafe { buffer("bins", bins, count, None)? };
         let bounds = bounds.unwrap_or(dataset.header().picture());
         if bins.is_empty() || low.partial_cmp(&high) != Some(Ordering::Less) {

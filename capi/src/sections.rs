@@ -1,4 +1,4 @@
-//! Sections of exact models by planes.
+//! Plane sections of exact models.
 
 use engine::brep::CuttingPlane;
 
@@ -10,22 +10,26 @@ use crate::status::{guarded, spinney_status};
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_ring {
-    /// Number of its polygon, from 0. Rings of one follow each other: the outer one, counterclockwise as seen from where the plane's normal
-    /// points to, and then the holes, clockwise.
+    /// Index of its polygon, from 0. A polygon's rings are consecutive: first the outer one,
+    /// counterclockwise as seen from the side to which the plane's normal points, then the holes,
+    /// clockwise.
     pub polygon: u64,
-    /// End of its points, which begin where those of the ring before end. The last of them is the first one again.
+    /// End of its points, which begin at the end of the previous ring. The last point repeats the
+    /// first one.
     pub end: u64,
-    /// Area of the polygon without its holes; 0 of holes, so that the sum is the section's.
+    /// Area of the polygon without its holes; 0 for holes, so that the sum is the section's area.
     pub area: f64,
 }
 
-/// Cuts the body by the plane through `point` on which `normal` is upright (x, y, z each): polygons with holes. `rings` gets their rings, each of
-/// `ring_size` bytes, `sizeof(spinney_ring)`, and `points` the points of one ring after the other, in space (x, y, z each). There is
-/// room for `ring_capacity` rings and `point_capacity` points; `ring_count` and `point_count` get how many there are, and NULL and 0 ask for
-/// these alone.
+/// Cuts the body by the plane through `point` with the normal `normal` (x, y, z each): polygons
+/// with holes. `rings` gets their rings, each of `ring_size` bytes, `sizeof(spinney_ring)`.
+/// `points` gets the points of all rings, consecutively, in space (x, y, z each). The capacities
+/// are `ring_capacity` rings and `point_capacity` points. `ring_count` and `point_count` are set to
+/// the total counts; pass NULL and 0 to get only these.
 ///
-/// The section is that just below the plane: what ends there from below counts, what stands on it does not. Reads only what is cut.
-/// SPINNEY_UNSUPPORTED for bodies without bounds.
+/// The section is the one just below the plane: it includes solids that end at the plane from
+/// below, not those that begin there. Reads only nodes that the plane cuts. SPINNEY_UNSUPPORTED for
+/// unbounded bodies.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_section(
     model: *const spinney_model,
@@ -41,13 +45,14 @@ pub unsafe extern "C" fn spinney_model_section(
 ) -> spinney_status {
     guarded(|| {
         check_size("rings", ring_size, size_of::<spinney_ring>())?;
-        // SAFETY: the caller has what these say, or NULL, which is found.
+        // SAFETY: the caller has three coordinates each there, or NULL, which is detected.
         let (model, point, normal) =
             unsafe { (opened(model)?, items("point", point, 3)?, items("normal", normal, 3)?) };
-        // SAFETY: as these say.
+        // SAFETY: see `place`.
         let (ring_count, point_count) =
             unsafe { (place("ring_count", ring_count)?, place("point_count", point_count)?) };
-        // SAFETY: the caller has so much room there, or NULL and none, which is found.
+        // SAFETY: the caller has the stated capacities there; NULL with a capacity above 0 is
+        // detected.
         let (rings, points) = unsafe {
             let rings = buffer("rings", rings, ring_capacity, None)?;
             (rings, buffer("points", points.cast::<[f64; 3]>(), point_capacity, None)?)

@@ -13,25 +13,27 @@ use crate::questions::buffer;
 use crate::status::{Failure, guarded, spinney_status};
 use crate::warnings::Warnings;
 
-/// Numbers of the entities of a shell: a surface that hangs together.
+/// Topological counts of a shell, a connected surface.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
 pub struct spinney_shell {
     pub vertices: u64,
     pub edges: u64,
     pub faces: u64,
-    /// Rings beside the first of each face: holes in faces.
+    /// Rings after the first of each face: holes in faces.
     pub inner_rings: u64,
-    /// 0 of a closed shell.
+    /// Number of boundaries; 0 for a closed shell.
     pub boundaries: u64,
-    /// Number of handles; -1 where that is no number.
+    /// Number of handles; -1 if it is undefined.
     pub genus: i64,
-    /// Volume that it encloses, rounded once; negative of a cavity, so that a body is a shell of more than 0.
+    /// Enclosed volume, rounded once. Negative for a cavity; the shells of bodies have positive
+    /// volumes.
     pub volume: f64,
 }
 
-/// Tells of each shell, in the order of their first faces; there is room for `capacity` of them, each of `shell_size` bytes,
-/// `sizeof(spinney_shell)`. `count` gets how many there are. Takes at most `memory` bytes, about 60 for each corner of a face; reads all faces twice.
+/// Measures each shell, in the order of their first faces. `shells` has a capacity of `capacity`
+/// structs, each of `shell_size` bytes, `sizeof(spinney_shell)`. `count` is set to the shell count.
+/// Uses at most `memory` bytes, about 60 per face corner; reads all faces twice.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_shells(
     model: *const spinney_model,
@@ -43,9 +45,10 @@ pub unsafe extern "C" fn spinney_model_shells(
 ) -> spinney_status {
     guarded(|| {
         check_size("shells", shell_size, size_of::<spinney_shell>())?;
-        // SAFETY: as these say.
+        // SAFETY: see `opened` and `place`.
         let (model, count) = unsafe { (opened(model)?, place("count", count)?) };
-        // SAFETY: the caller has so much room there, or NULL and none, which is found.
+        // SAFETY: the caller has the stated capacity there; NULL with a capacity above 0 is
+        // detected.
         let shells = unsafe { buffer("shells", shells, capacity, None)? };
         let options = TopologyOptions { memory, path: model.path().to_path_buf() };
         let topology = Topology::of(model, &options, &())?;
@@ -66,10 +69,11 @@ pub unsafe extern "C" fn spinney_model_shells(
     })
 }
 
-/// Makes the file of the body of a set operation on `count` models, exactly, as `spinney combine` does; `operation` is its number, from 0 to 15: 1
-/// is the intersection, 2 the first without the second, 6 the symmetric difference, 7 the union, 12 the complement. Grids must have the
-/// same step. Takes at most `memory` bytes for the faces that are near each other's. Where it fails there is no file; spinney_warnings() tells what of
-/// the models is not kept.
+/// Writes the result of an exact set operation on `count` models to a file, as `spinney combine`
+/// does. `operation` is its index, from 0 to 15: 1 is the intersection, 2 the first without the
+/// second, 6 the symmetric difference, 7 the union, 12 the complement. The grids must have the same
+/// unit width. Uses at most `memory` bytes for faces that are near faces of other models. No file
+/// is left if the call fails. spinney_warnings() reports which properties of the models are lost.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn spinney_model_combine(
     operation: u32,
@@ -91,12 +95,12 @@ pub unsafe extern "C" fn spinney_model_combine(
             .ok()
             .and_then(SetOperation::from_index)
             .ok_or_else(|| Failure::invalid(format!("operation: got {operation}, expected 0 to 15")))?;
-        // SAFETY: the caller has so many there.
+        // SAFETY: the caller has `count` pointers there.
         let models = unsafe { slice::from_raw_parts(models, count) };
-        // SAFETY: each is NULL, which is found, or comes from spinney_model_open().
+        // SAFETY: each is NULL, which is detected, or comes from spinney_model_open().
         let models = models.iter().map(|model| unsafe { opened(*model) });
         let models: Vec<&ExactModel> = models.collect::<Result<_, Failure>>()?;
-        // SAFETY: the caller passes a zero-terminated text.
+        // SAFETY: the caller passes a zero-terminated string.
         let path = path_of(unsafe { CStr::from_ptr(path) })?;
         if models.iter().any(|model| model.path() == path) {
             return Err(Failure::invalid("path: is that of one of the models, expected another file"));

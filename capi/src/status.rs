@@ -1,4 +1,4 @@
-//! Codes of what has failed, and the text of the last failure of each thread.
+//! Status codes, and the last error message of each thread.
 
 use std::any::Any;
 use std::cell::RefCell;
@@ -14,29 +14,30 @@ use engine::raw::io::redacted;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum spinney_status {
-    /// It is done.
+    /// Success.
     SPINNEY_OK = 0,
-    /// An argument makes no sense, by itself or for this file: also NULL, and buffers of the wrong size.
+    /// An argument is invalid, by itself or for this file. Includes NULL, and buffers of the wrong
+    /// size.
     SPINNEY_INVALID = 1,
-    /// There is no such file.
+    /// The file does not exist.
     SPINNEY_NOT_FOUND = 2,
     /// The system refused an operation on a file.
     SPINNEY_IO = 3,
-    /// The file is damaged, or not what its name says.
+    /// The file is corrupt, or has another type than expected.
     SPINNEY_CORRUPT = 4,
-    /// The file, or the call, asks for something that is not supported.
+    /// The file, or the call, needs a feature that is not supported.
     SPINNEY_UNSUPPORTED = 5,
-    /// The file was changed by somebody else while it was read.
+    /// Another program changed the file while it was read.
     SPINNEY_CHANGED = 6,
-    /// There is not enough memory, or not enough is allowed.
+    /// Out of memory, or over the memory limit.
     SPINNEY_MEMORY = 7,
-    /// A function of the caller's has asked to stop.
+    /// A function of the caller stopped the call.
     SPINNEY_STOPPED = 8,
-    /// A mistake in the library itself. The dataset can still be closed.
+    /// A bug in the library. The dataset can still be closed.
     SPINNEY_INTERNAL = 9,
 }
 
-/// A code with its text.
+/// A status code with its message.
 pub(crate) struct Failure {
     status: spinney_status,
     text: String,
@@ -104,9 +105,10 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// Does the work of a call: keeps what failed for the thread, and lets no panic out.
+/// Runs the body of a call: stores the error message for the thread, and catches panics.
 pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> spinney_status {
-    // Nothing is printed either. (The hook is that of this library's own runtime, not of the program that uses it.)
+    // Panics print nothing. (The hook is that of this library's own runtime, not of the program
+    // that uses it.)
     static SILENT: Once = Once::new();
     SILENT.call_once(|| panic::set_hook(Box::new(|_| {})));
     let done = panic::catch_unwind(AssertUnwindSafe(work));
@@ -119,20 +121,20 @@ pub(crate) fn guarded(work: impl FnOnce() -> Result<(), Failure>) -> spinney_sta
     failure.status
 }
 
-/// A text as C has it, without zero bytes.
+/// Converts to a C string, without zero bytes.
 pub(crate) fn text_of(text: String) -> CString {
     let text: Vec<u8> = text.into_bytes().into_iter().filter(|byte| *byte != 0).collect();
     CString::new(text).unwrap_or_default()
 }
 
-/// The text of the last failure in this thread: which file, what was found, what was expected. Empty if there was none; it is
-/// there until the thread's next call that fails.
+/// Returns the message of the thread's last failure: which file, what was found, what was expected.
+/// Empty if there was none. Valid until the thread's next call that fails.
 #[unsafe(no_mangle)]
 pub extern "C" fn spinney_error() -> *const c_char {
     LAST.with(|last| last.borrow().as_ptr())
 }
 
-/// The library's version.
+/// Returns the library's version.
 #[unsafe(no_mangle)]
 pub extern "C" fn spinney_version() -> *const c_char {
     concat!(env!("CARGO_PKG_VERSION"), "\0").as_ptr().cast()

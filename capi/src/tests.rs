@@ -1,5 +1,5 @@
-//! Every function and every code, called as a C program calls them.
-#![allow(clippy::undocumented_unsafe_blocks)] // what is tried are just these rules
+//! Every function and every status code, called as from a C program.
+#![allow(clippy::undocumented_unsafe_blocks)] // the tests check these very rules
 
 mod layers;
 
@@ -16,7 +16,7 @@ fn fixture(name: &str) -> String {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/v1").join(name).display().to_string()
 }
 
-/// Opens a file through steps.
+/// Opens a view of a file.
 fn open_with(path: &str, steps: &[&str], flags: u32) -> Result<*mut spinney_dataset, spinney_status> {
     let path = CString::new(path).unwrap();
     let steps: Vec<CString> = steps.iter().map(|step| CString::new(*step).unwrap()).collect();
@@ -47,7 +47,7 @@ fn cells(start: [u64; 3], size: [u64; 3]) -> spinney_box {
     spinney_box { start, size }
 }
 
-/// The library's own answer.
+/// Returns the library's own result.
 fn expected(dataset: &Dataset, level: u8, bounds: &Bounds, fill: f64) -> (Vec<u8>, Vec<u8>) {
     let cells = bounds.volume() as usize;
     let (mut samples, mut valid) = (vec![7; cells * dataset.header().form.width()], vec![true; cells]);
@@ -68,7 +68,7 @@ fn answers_are_those_of_the_library() {
                 let mut size = [0; 3];
                 assert_eq!(unsafe { spinney_level_size(dataset, level, &mut size) }, SPINNEY_OK);
                 assert_eq!(size, library.extent_at(level as u8).max);
-                // A little more than there is.
+                // A box slightly larger than the level.
                 let z = if info.axes == 3 { size[2] + 1 } else { 1 };
                 let part = cells([1, 0, 0], [size[0] + 2, size[1], z]);
                 let bounds = Bounds { min: [1, 0, 0], max: [size[0] + 3, size[1], z] };
@@ -89,7 +89,7 @@ fn answers_are_those_of_the_library() {
     }
 }
 
-/// Blocks that were handed out.
+/// Blocks that were passed to `take`.
 struct Taken {
     blocks: Vec<(spinney_box, Vec<u8>, Vec<u8>)>,
     width: usize,
@@ -221,7 +221,7 @@ fn points_statistics_classes_and_histograms_agree() {
                 .copied()
                 .eq(expected.classes.iter().map(|(class, cells)| (class.to_f64(), *cells)))
         );
-        // Less room than there are.
+        // A capacity below the class count.
         let mut one = (0.0, 0);
         let asked = unsafe { spinney_classes(dataset, part, &mut one.0, &mut one.1, 1, &mut count) };
         assert_eq!((asked, count, one), (SPINNEY_OK, classes.len(), classes[0]));
@@ -353,7 +353,7 @@ fn what_makes_no_sense_is_a_code_with_a_text() {
 #[test]
 fn threads_read_one_dataset_at_once() {
     struct Shared(*mut spinney_dataset);
-    // SAFETY: that is what is tried: datasets may be read by any number of threads.
+    // SAFETY: this is what the test checks: any number of threads may read a dataset.
     unsafe impl Sync for Shared {}
     let dataset = Shared(open("elevation.goblin"));
     let library = engine::open(fixture("elevation.goblin")).unwrap();
@@ -372,7 +372,7 @@ fn threads_read_one_dataset_at_once() {
                         spinney_read(dataset.0, info.depth, &part, 0.0, to.cast(), size, null_mut(), 0)
                     };
                     assert_eq!((read, samples), (SPINNEY_OK, expected));
-                    // Each has an error of its own.
+                    // Each thread has an error of its own.
                     let wrong = cells(start, [1; 3]);
                     let read = unsafe {
                         spinney_read(
@@ -562,7 +562,7 @@ fn integers_of_64_bits_are_exact() {
         unsafe { spinney_point_samples(dataset, 3, places.as_ptr(), 64, null_mut(), 512, null_mut()) };
     assert_eq!(wrong, SPINNEY_INVALID);
     unsafe { spinney_close(dataset) };
-    // Of bytes it is one.
+    // The sample type u8 can hold the nodata number.
     let bytes = open("classes.goblin");
     assert_eq!(unsafe { spinney_nodata(bytes, place(&mut nodata), 1) }, SPINNEY_OK);
     unsafe { spinney_close(bytes) };

@@ -1,4 +1,4 @@
-//! Warnings of calls that make files, as texts for the thread that has called.
+//! Warnings of calls that make files, as strings for the calling thread.
 
 use std::cell::RefCell;
 use std::ffi::{CString, c_char};
@@ -13,11 +13,11 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// Warnings of a call, which are kept for its thread at the end, also where it fails.
+/// Warnings of a call. When it ends, also with an error, they are stored for its thread.
 pub(crate) struct Warnings(Mutex<Vec<String>>);
 
 impl Warnings {
-    /// Begins a call: what the one before has told is forgotten.
+    /// Begins a call, and clears the warnings of the previous one.
     pub(crate) fn begin() -> Warnings {
         LAST.with(|last| *last.borrow_mut() = CString::default());
         Warnings(Mutex::default())
@@ -26,7 +26,7 @@ impl Warnings {
 
 impl Progress for Warnings {
     fn warn(&self, file: &Path, text: &str) {
-        // (A line each, whatever names of files have in them.)
+        // (One line each, also if the file's name has line breaks.)
         let line = format!("{}: {text}", file.display()).replace(['\n', '\r'], " ");
         self.0.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
@@ -39,9 +39,11 @@ impl Drop for Warnings {
     }
 }
 
-/// Warnings of this thread's last call of spinney_model_build() or spinney_model_combine(), a line for each, beginning with the file that it is
-/// about: what users should know of a file that was made all the same, such as a repair that changes the volume by more than a hundredth, or values of
-/// faces that are not kept. Empty if there was nothing; it is there until the thread's next such call.
+/// Returns the warnings of this thread's last call of spinney_model_build() or
+/// spinney_model_combine(), one line each, which begins with the file's name. They concern files
+/// that were made nevertheless: for example a repair that changes the volume by more than a
+/// hundredth, or values of faces that are lost. Empty if there were none. Valid until the thread's
+/// next such call.
 #[unsafe(no_mangle)]
 pub extern "C" fn spinney_warnings() -> *const c_char {
     LAST.with(|last| last.borrow().as_ptr())

@@ -17,9 +17,9 @@ const EXAMPLES: &str = "Examples:
   spinney find age.goblin --class 7                  what commit 7 changed, and none after it
   spinney log map.autumn                             who made commit 7, when and why";
 
-/// Make a tree of the numbers of the commits that changed each cell last
+/// Make a tree with the number of the commit that last changed each cell
 ///
-/// Cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
+/// Cells without a value in any commit are VOID. Coarse cells have the newest commit below them.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -29,8 +29,8 @@ pub(crate) struct Args {
     output: OutputFile,
     #[command(flatten)]
     memory: Memory,
-    /// Packing of the output's segments: plain ones are used where they are in the file, packed ones take few bytes and are unpacked when
-    /// they are used; for .goblin files
+    /// Packing of the output's segments: plain ones are mapped and used in place, packed ones take
+    /// fewer bytes and are unpacked when they are used; for .goblin files
     #[arg(long, value_name = "plain|packed", default_value = "plain")]
     codec: Codec,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `spinney combine`: one tree of several.
+//! `spinney combine`: merges several trees into one.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -21,11 +21,13 @@ use super::{Global, exact};
 
 /// Make one tree of several: unions, intersections, differences, one over the other, changes.
 ///
-/// Files are walked side by side, as they are on disk; where one decides, the others' detail is not read and
-/// what it has stored is copied as it is. The result has the first file's cells, over all of the files' extents (--extent). Others are brought
-/// to these: from other cells and coordinate systems (resampled by their rule), types, scales, units and numbers of classes. What was
-/// converted is reported. Rule, names and colours are those of the first file, with new classes added. Features are laid over the cells of the
-/// trees, as `spinney build` would make cells of them; what reaches beyond these is left out.
+/// Files are traversed together, in place on disk. Where one file decides, the other files'
+/// subtrees are not read, and its stored records are copied unchanged. The result has the first
+/// file's cells, over the extents of all files (--extent). Other files are converted to the first
+/// one's cells: from other cells and coordinate systems (resampled by their rule), types, scales,
+/// units and numbers of classes. Conversions are reported. Rule, names and colours are those of the
+/// first file, with new classes added. Features are rasterized to the cells of the trees, as by
+/// `spinney build`; whatever is outside of these is left out.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -34,11 +36,11 @@ pub(crate) struct Args {
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
-    /// Width of the steps of the grid on which corners of polygons come to lie, in units of the coordinates, or the next smaller power of two
-    /// [default: 2^-42 of the greatest coordinate]
+    /// Width of the grid units that vertices of polygons are moved to, in units of the coordinates,
+    /// or the next smaller power of two [default: 2^-42 of the largest coordinate]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Print which parts of the surfaces of two exact models the operation takes, and which it turns round
+    /// Print which faces of two exact models the operation keeps, and which of them it reverses
     #[arg(long)]
     explain: bool,
     /// Print JSON: the table of `cross`
@@ -54,26 +56,29 @@ pub(crate) struct Args {
     features: FeatureOperands,
 }
 
-/// Files, and the way in which they are merged.
+/// Files, and the operation that merges them.
 #[derive(clap::Args)]
 pub(crate) struct MergingArgs {
-    /// Operation, as `spinney combine --help` tells them
+    /// Operation; see the list in `spinney combine --help`
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// Tree files of one kind, and files of features to be laid over their cells; exact models; or files of polygons alone
+    /// Tree files of one kind, and feature files to be rasterized to their cells; exact models; or
+    /// only polygon files
     #[arg(required = true)]
     files: Vec<PathBuf>,
-    /// Whose value stands where a set operation finds both: a or b
+    /// Which file's value wins where a set operation finds both: a or b
     #[arg(long, value_name = "WHOSE", default_value = "a", value_parser = ["a", "b", "first", "second"])]
     values: String,
-    /// Value of cells that a set operation makes of nothing [default: 255 for bytes, else 1]
+    /// Value of cells that a set operation makes of VOID cells [default: 255 for bytes, else 1]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     fill: Option<Number>,
-    /// Place in which an operation fills what neither file has, a box of the world: west, south, east, north; of octrees
-    /// all least and then all largest coordinates; of polygons also a file of such, and for all operations [default: a raster's picture, an octree's root]
+    /// Region in which an operation fills cells that neither file has, a box in world coordinates:
+    /// west, south, east, north; of octrees all minimum and then all maximum coordinates; of
+    /// polygons also a polygon file, for all operations [default: a raster's extent, an octree's
+    /// root]
     #[arg(long, value_name = "BOX", value_parser = parse_within, conflicts_with = "margin")]
     within: Option<Within>,
-    /// Fill what neither file has in the files' pictures and so many cells around them
+    /// Fill cells that neither file has, in the files' extents and this many cells around them
     #[arg(long, value_name = "CELLS")]
     margin: Option<u32>,
     #[command(flatten)]
@@ -81,7 +86,7 @@ pub(crate) struct MergingArgs {
 }
 
 impl MergingArgs {
-    /// The operation on trees, and the place in which it fills what none of them has.
+    /// Returns the operation on trees, and the region in which it fills cells that no tree has.
     fn on_trees(&self) -> Result<(CombineOperation, Universe)> {
         let within = match &self.within {
             Some(Within::Box(low, high)) => Some(Universe::Within(*low, *high)),
@@ -103,7 +108,7 @@ impl MergingArgs {
         Ok((operation, universe.unwrap_or_default()))
     }
 
-    /// The job of combining trees of cells alone.
+    /// Returns the job of combining trees of cells.
     pub(crate) fn spec(&self, packing: spinney::raw::store::Packing, global: &Global) -> Result<JobSpec> {
         let name = &self.operation.0;
         ensure!(!self.operation.is_table(), "{name} prints a table: `spinney combine {name}`");
@@ -158,15 +163,15 @@ Examples:
   spinney combine and soils.gpkg parcels.fgb -o soils_of_parcels.gpkg
   spinney combine not part.goblin --margin 4 -o mould.goblin";
 
-/// Where an operation fills what neither file has.
+/// The region in which an operation fills cells that neither file has.
 #[derive(Clone, Debug)]
 enum Within {
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     Box([f64; 3], [f64; 3]),
     Polygons(PathBuf),
 }
 
-/// Reads a box of the world, or the name of a file of polygons.
+/// Parses a world box, or the name of a polygon file.
 fn parse_within(text: &str) -> Result<Within, String> {
     if is_feature_file(Path::new(text)) {
         return Ok(Within::Polygons(text.into()));
@@ -176,7 +181,7 @@ fn parse_within(text: &str) -> Result<Within, String> {
 
 fn parse_box(text: &str) -> Result<([f64; 3], [f64; 3]), String> {
     if let Some([west, south, east, north]) = numbers(text) {
-        // (Nothing along z: an octree refuses that.)
+        // (Empty along z: octrees reject it.)
         return Ok(([west, south, 0.0], [east, north, 0.0]));
     }
     let six = numbers(text).map(|[a, b, c, d, e, f]: [f64; 6]| ([a, b, c], [d, e, f]));
@@ -252,7 +257,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Prints the table of pairs.
+/// Prints the table of pairs of values.
 fn table(files: &[PathBuf], reconcile: &ReconcileArgs, json: bool, global: &Global) -> Result<()> {
     let [first, second] = files else { bail!("cross takes two files, not {}", files.len()) };
     let work = Work::start(global, "cells")?;

@@ -1,4 +1,4 @@
-//! `spinney compact`: a file without older commits.
+//! `spinney compact`: copies a file without its older commits.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -10,9 +10,10 @@ use super::Global;
 use super::args::{Memory, OutputLimit, check_output};
 use super::report::{Work, commit, report_output};
 
-/// Write some commits of an Autumnal file to a new one, without the room that the others took.
+/// Write some commits of an Autumnal file to a new one, without the space that the others used.
 ///
-/// Commits keep their numbers, messages, authors and times. Whoever reads the old file goes on.
+/// Commits keep their numbers, messages, authors and times. Other programs can continue to read the
+/// old file.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -21,16 +22,16 @@ pub(crate) struct Args {
     /// File to write
     #[arg(short, long, value_name = "OUT.autumn")]
     output: PathBuf,
-    /// Number of commits that stay, the newest ones
+    /// Number of commits to keep, the newest ones
     #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u64).range(1..))]
     keep: u64,
-    /// Numbers of the commits that stay
+    /// Numbers of the commits to keep
     #[arg(long, value_name = "N,...", value_delimiter = ',', conflicts_with = "keep")]
     commits: Option<Vec<u64>>,
-    /// Store equal subtrees once, from now on
+    /// Store equal subtrees once, also in later commits
     #[arg(long)]
     share: bool,
-    /// Pack what only older commits have: fewer bytes, which take longer to read
+    /// Pack records that only older commits have: fewer bytes, slower to read
     #[arg(long)]
     pack: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `spinney completions`: what shells need to complete the command line.
+//! `spinney completions`: completion scripts for shells.
 
 use std::io::{self, Write};
 

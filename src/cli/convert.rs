@@ -9,12 +9,14 @@ use super::Global;
 use super::args::{Memory, OutputFile, OutputLimit, Packing, check_output};
 use super::report::{Work, report_output};
 
-/// Write a tree as it is to a file of the other format (or of the same).
+/// Write a tree unchanged to a file of the other format (or of the same).
 ///
-/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an Autumnal file,
-/// to be edited, if the output's name ends with .autumn. From Goblin to Autumnal and back the bytes stay the
-/// same. Segments are packed as options say, whatever those of the file are: plain if nothing is said. (Commands that copy layers, such as
-/// edit add-layer, leave these as they are.)
+/// Makes a compact, read-only Goblin file of an Autumnal file or of one of its commits, or an
+/// Autumnal file, which can be edited, if the output's name ends with .autumn. From Goblin to
+/// Autumnal and back the bytes stay the same.
+///
+/// Options choose the packing of segments, whatever those of the file are: plain by default.
+/// (Commands that copy layers, such as edit add-layer, do not change their packing.)
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

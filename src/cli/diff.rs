@@ -1,4 +1,4 @@
-//! `spinney diff`: where two trees differ.
+//! `spinney diff`: differences between two trees.
 
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -13,18 +13,20 @@ use super::Global;
 use super::args::{Memory, OutputLimit, Packing, ReconcileArgs, check_output};
 use super::report::{Work, print_json, print_text, report_output};
 
-/// Show where two trees differ, most often two commits of one file.
+/// Show where two trees differ, for example two commits of one file.
 ///
-/// Prints how many cells have come, gone, and got another value, where both lie in the world. The second file is brought to the cells, the
-/// type, the scale, the units and the classes of the first, as by `combine`. What the commits have in common is not read.
+/// Prints how many cells were added, removed and changed, by their world coordinates. The second
+/// file is converted to the cells, the type, the scale, the units and the classes of the first, as
+/// by `combine`. Data that the commits share are not read.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// The tree before
+    /// The old tree
     first: PathBuf,
-    /// The tree after
+    /// The new tree
     second: PathBuf,
-    /// File to write: a tree of the cells that differ, with the second's value, or the first's where the second is VOID
+    /// File to write: a tree of the cells that differ, with the second's value, or the first's
+    /// where the second is VOID
     #[arg(short, long, value_name = "OUT.goblin")]
     output: Option<PathBuf>,
     /// Print the runs of cells that differ, in FD order: the paths of the first and the last

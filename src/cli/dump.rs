@@ -19,19 +19,22 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     #[command(flatten)]
     tree: ViewedTree,
-    /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other leaves
+    /// Print the DF-expression: G (or M) inner, W (V) VOID, B (F) full, digits or [value] for other
+    /// leaves
     #[arg(long, conflicts_with = "codes")]
     df: bool,
-    /// Print the DF-expression of a bintree, which halves blocks along x, y (z), x ...: G (M) inner, leaves as with --df
+    /// Print the DF-expression of a bintree, which halves blocks along x, y (z), x ...: G (M)
+    /// inner, leaves as with --df
     #[arg(long, conflicts_with_all = ["codes", "df"])]
     bintree: bool,
-    /// Halve each block of the bintree along the axis with which there are the fewest nodes: X, Y or Z inner; for 1024 x 1024 or 64 x 64 x 64 cells at most
+    /// Halve each block of the bintree along the axis that gives the fewest nodes: X, Y or Z inner;
+    /// for at most 1024 x 1024 or 64 x 64 x 64 cells
     #[arg(long, requires = "bintree")]
     adaptive: bool,
     /// Print a line per leaf: path, FD code, value
     #[arg(long)]
     codes: bool,
-    /// Number of records at most: trees of more are refused
+    /// Maximum number of records: larger trees are refused
     #[arg(long, value_name = "N", default_value_t = 1_000_000)]
     limit: u64,
 }
@@ -46,7 +49,8 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         let (cells, extent) = (tree.in_memory(args.limit)?, tree.header().extent);
         let bintree = match args.adaptive {
             true => Bintree::adaptive(&cells, extent)?,
-            // (Each record becomes three nodes at most, or seven, and has four leaves, or eight.)
+            // (No limit: a record makes at most three nodes, or seven, for its four cells, or
+            // eight.)
             false => Bintree::alternating(&cells, extent, usize::MAX)?,
         };
         bintree.to_text()

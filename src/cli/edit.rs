@@ -1,4 +1,4 @@
-//! `spinney edit`: changes to an Autumnal file.
+//! `spinney edit`: changes an Autumnal file.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -28,15 +28,16 @@ use super::report::Work;
 use super::report::commit::report_commit;
 use super::{Global, open};
 
-/// Change a tree in place: a commit more, and the old ones stay.
+/// Change a tree in place: adds a commit, and keeps the old ones.
 ///
-/// FILE is an Autumnal file; `spinney build` and all other programs that make trees make one when the
-/// output's name ends with .autumn. Time and room are proportional to what changes. Others can read the file
-/// meanwhile: they see the last commit. One process at a time can edit it.
+/// FILE is an Autumnal file; `spinney build` and all other commands that make trees write one if
+/// the output's name ends with .autumn. Time and space are proportional to the change. Other
+/// processes can read the file meanwhile: they see the last commit. One process at a time can edit
+/// it.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// The Autumnal file; add-layer and drop-layer also take Goblin files, which are written anew
+    /// The Autumnal file; add-layer and drop-layer also accept Goblin files, which are rewritten
     file: PathBuf,
     #[command(subcommand)]
     change: Change,
@@ -55,7 +56,7 @@ Examples:
   spinney log map.autumn
   spinney revert map.autumn 3";
 
-/// Changes: a new one is a line here and one in [`run`] and in [`Change::edits`].
+/// Changes. A new one is a variant here and an arm in [`run`] and in [`Change::edits`].
 #[derive(Subcommand)]
 enum Change {
     Paste(Paste),
@@ -66,18 +67,19 @@ enum Change {
     DropLayer(DropLayer),
 }
 
-/// Put another tree or a picture over a part of it
+/// Put another tree or a raster over a region of it
 #[derive(clap::Args)]
 struct Paste {
-    /// Tree file or picture, of the same kind of values
+    /// Tree or raster file, of the same kind of values
     patch: PathBuf,
-    /// At which cell its first one is put [default: where it lies in the world]
+    /// At which cell its first cell is put [default: by its world coordinates]
     #[arg(long, value_name = "COL,ROW[,Z]", value_parser = parse_cell)]
     at: Option<[i64; 3]>,
-    /// See the file through a step of `transform`, such as rotate=30; may be given several times
+    /// View the file through an operation of `transform`, such as rotate=30; may be given several
+    /// times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<ViewStep>,
-    /// VOID where the patch is VOID, too, within its extent
+    /// Make cells VOID where the patch is VOID, within its extent
     #[arg(long)]
     void: bool,
     /// Round numbers that the tree's type cannot hold
@@ -95,28 +97,29 @@ struct Paste {
 struct Fill {
     #[command(flatten)]
     part: PartOptions,
-    /// Polygon, in world coordinates or those of --in: corners X,Y with blanks between, rings with semicolons; a hole is a
-    /// ring, too
+    /// Polygon, in world coordinates or those of --in: vertices X,Y with blanks between, rings with
+    /// semicolons; a hole is a ring, too
     #[arg(long, value_name = "X,Y X,Y ...", conflicts_with = "window")]
     polygon: Option<String>,
     /// A node by its FD code, such as /031
     #[arg(long, value_name = "CODE", conflicts_with_all = ["window", "polygon"])]
     block: Option<String>,
-    /// Polygons in a file of features, lines and points, too, whose cells are filled: GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME for one
-    /// layer of several), a shapefile or a table
+    /// Polygons in a feature file, also lines and points, whose cells are filled: GeoJSON,
+    /// FlatGeobuf, GeoPackage (x.gpkg:NAME for one layer of several), a shapefile or a table
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "polygon", "block"])]
     zones: Option<PathBuf>,
     #[command(flatten)]
     features: FeatureCells,
-    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    /// Value of cells where features overlap: last, first, min, max, sum, count or mean [default:
+    /// last]
     #[arg(long, value_name = "RULE", requires = "zones")]
     overlaps: Option<Overlaps>,
-    /// Value that all cells get: one number, or one for each channel; of features also that of an attribute, whose texts are names of
-    /// the tree's classes
+    /// Value that all cells get: one number, or one for each channel; of features also an
+    /// attribute, whose strings are names of the tree's classes
     #[arg(long, value_name = "NUMBER,...|ATTRIBUTE", value_delimiter = ',')]
     #[arg(allow_hyphen_values = true, group = "what")]
     value: Option<Vec<String>>,
-    /// VOID instead of a value: nothing is there any more
+    /// Make cells VOID instead of giving them a value
     #[arg(long, group = "what")]
     void: bool,
     #[command(flatten)]
@@ -126,20 +129,20 @@ struct Fill {
 /// Give many single cells new values
 #[derive(clap::Args)]
 struct Set {
-    /// Lines `X,Y,VALUE` or `X,Y,void` (octrees: X,Y,Z first), or a NumPy array with such rows; - is standard
-    /// input
+    /// Lines `X,Y,VALUE` or `X,Y,void` (octrees: X,Y,Z first), or a NumPy array with such rows; -
+    /// is standard input
     cells: PathBuf,
     #[command(flatten)]
     options: EditOptions,
 }
 
-/// Do a set operation with another tree, which lies where it lies in the world
+/// Apply a set operation with another tree, at its world coordinates
 #[derive(clap::Args)]
 struct Apply {
     /// Operation, as in `spinney combine`: union, a-b, min, ...; A is the file
     #[arg(value_parser = parse_operation)]
     operation: OperationName,
-    /// The other tree file, or a file of features, which has the cells whose centres they cover
+    /// The other tree file, or a feature file, whose features cover the cells with centres inside
     other: PathBuf,
     /// Round numbers that the tree's type cannot hold
     #[arg(long)]
@@ -150,14 +153,15 @@ struct Apply {
     options: EditOptions,
 }
 
-/// Add a tree as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them
+/// Add a tree as a layer, whose cells are 1, 2, 4, 8 ... times as wide as the file's
 #[derive(clap::Args)]
 struct AddLayer {
     /// Tree file whose cells become the layer
     tree: PathBuf,
-    /// Name that the layer gets [default: that of the tree's layer, or of its file]
+    /// Name of the layer [default: that of the tree's layer, or of its file]
     name: Option<String>,
-    /// See the file through a step of `transform`, such as rotate=30; may be given several times
+    /// View the file through an operation of `transform`, such as rotate=30; may be given several
+    /// times
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<ViewStep>,
     #[command(flatten)]
@@ -166,7 +170,7 @@ struct AddLayer {
     options: EditOptions,
 }
 
-/// Take a layer out of the file
+/// Remove a layer from the file
 #[derive(clap::Args)]
 struct DropLayer {
     /// The layer, by its name or its number from 0
@@ -220,7 +224,7 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         file.display()
     );
     let work = Work::start(global, "cells")?;
-    // A picture becomes a tree before the file is locked: others can edit it meanwhile.
+    // A raster becomes a tree before the file is locked: other processes can edit it meanwhile.
     let picture = match &change {
         Change::Paste(paste) if !file_is_tree(&paste.patch, global.access())? => {
             Some(PastedPicture::import(&paste.patch, &file, memory, global.access(), &work)?)
@@ -245,11 +249,11 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Changes, one after the other.
+/// A sequence of changes.
 type Edits = Box<dyn Iterator<Item = spinney::Result<Edit>>>;
 
 impl Change {
-    /// The other tree, if there is one.
+    /// Returns the path of the other tree, if there is one.
     fn other(&self) -> Option<&Path> {
         match self {
             Change::Paste(paste) => Some(&paste.patch),
@@ -259,7 +263,8 @@ impl Change {
         }
     }
 
-    /// Changes to a tree, and a message about them. A picture to be pasted has been imported already.
+    /// Returns changes to a tree, and a message about them. `picture` is a raster to be pasted,
+    /// already imported.
     fn edits(
         self,
         tree: &Dataset,
@@ -321,14 +326,14 @@ impl Change {
     }
 }
 
-/// A picture as a tree that can be pasted, in a folder that goes when this does.
+/// A raster as a tree that can be pasted, in a temporary directory that is removed on drop.
 struct PastedPicture {
     tree: PathBuf,
     _folder: tempfile::TempDir,
 }
 
 impl PastedPicture {
-    /// An error that names the picture where it would name the tree.
+    /// Replaces the tree's path in an error by that of the raster.
     fn told_of(&self, error: spinney::Error, picture: &Path) -> anyhow::Error {
         let (text, name) = (error.to_string(), self.tree.display().to_string());
         match text.contains(&name) {
@@ -337,7 +342,7 @@ impl PastedPicture {
         }
     }
 
-    /// Makes a tree like that in a file of a picture.
+    /// Imports a raster as a tree of the same kind as that of a file.
     fn import(
         path: &Path,
         file: &Path,
@@ -367,7 +372,7 @@ impl PastedPicture {
 }
 
 impl Fill {
-    /// The change to the cells of features, and a message about it.
+    /// Returns the change to the cells of features, and a message about it.
     fn features(self, tree: &Dataset, memory: u64, work: &Work) -> Result<(Edit, String)> {
         let file = self.zones.context("features are in a file")?;
         check_features(&file, "--zones")?;
@@ -388,7 +393,7 @@ impl Fill {
         Ok((if self.void { Edit::Merge(difference, zones) } else { Edit::Cover(zones) }, message))
     }
 
-    /// The regions, and what to call them.
+    /// Returns the regions, and their description.
     fn regions(&self, tree: &Dataset) -> Result<(Vec<FillRegion>, String)> {
         let header = tree.header();
         if let Some(text) = &self.polygon {
@@ -413,7 +418,7 @@ impl Fill {
         Ok((boxes.into_iter().map(FillRegion::Box).collect(), name))
     }
 
-    /// The polygon of rings of corners, in cells.
+    /// Parses rings of vertices as a polygon, in cells.
     fn polygon(&self, text: &str, tree: &Dataset) -> Result<Polygon> {
         let corner = |text: &str| -> Result<[f64; 2]> {
             let numbers = text.split_once(',').map(|(x, y)| (x.trim().parse(), y.trim().parse()));
@@ -427,12 +432,12 @@ impl Fill {
         let places = self.part.coordinates().places(tree, Coordinates::World)?;
         let parts = places.parts(&[rings]);
         ensure!(!parts.is_empty(), "--polygon: outside of the picture, which is {}", places.picture());
-        // (What an odd number of rings is around is inside, wherever they come from.)
+        // (Rings are combined by the even-odd rule, whichever part they come from.)
         Ok(Polygon::new(&parts.concat())?)
     }
 }
 
-/// Reads two or three whole numbers.
+/// Parses two or three integers.
 fn parse_cell(text: &str) -> Result<[i64; 3], String> {
     let cell = numbers(text).or_else(|| numbers(text).map(|[x, y]: [i64; 2]| [x, y, 0]));
     cell.ok_or_else(|| "expected COL,ROW or X,Y,Z in whole cells".into())

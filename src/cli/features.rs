@@ -1,5 +1,5 @@
-//! Files of features where trees are asked for: laid over the cells of a tree, for `edit`, `combine` and `find`, or brought to another coordinate system, for
-//! `transform`.
+//! Feature files as inputs of commands for trees: rasterized to a tree's cells for `edit`,
+//! `combine` and `find`, or reprojected for `transform`.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -22,14 +22,15 @@ use super::Global;
 use super::args::{OutputLimit, vector_format};
 use super::report::{Work, report_output};
 
-/// Which features count, and which cells are theirs.
+/// Options that select features, and the rule for their cells.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct FeatureCells {
-    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all of which something is inside) or area (by the
-    /// largest share) [default: centre]
+    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all that the
+    /// polygon touches) or area (by the largest share) [default: centre]
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value
+    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
+    /// or >= between an attribute and a value
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
 }
@@ -37,23 +38,24 @@ pub(crate) struct FeatureCells {
 /// The value that features give their cells.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct FeatureValues {
-    /// Value that features give their cells: a number, or that of an attribute, whose texts are names of the tree's classes [default: 1;
-    /// 255 where cells tell coverage]
+    /// Value that features give their cells: a number, or an attribute, whose strings are names of
+    /// the tree's classes [default: 1; 255 where cells have coverage]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE", allow_hyphen_values = true)]
     value: Option<FeatureValue>,
-    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    /// Value of cells where features overlap: last, first, min, max, sum, count or mean [default:
+    /// last]
     #[arg(long, value_name = "RULE")]
     overlaps: Option<Overlaps>,
 }
 
 impl FeatureCells {
-    /// Fails if something was said of features, and there are none.
+    /// Fails if an option for features was given, where there are none.
     pub(crate) fn refuse(&self, reason: &str) -> Result<()> {
         let given = [("--edge", self.edge.is_some()), ("--where", self.filter.is_some())];
         refuse(&given, reason)
     }
 
-    /// The features of files over a tree with such a header and metadata.
+    /// Rasterizes the features of files to a tree's cells. Returns them with the feature count.
     pub(crate) fn over(
         &self,
         files: &[PathBuf],
@@ -78,20 +80,20 @@ impl FeatureCells {
     }
 }
 
-/// How features are laid over a tree.
+/// Options for rasterizing features to a tree's cells.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct FeatureTerms {
-    /// The value of their cells; what says that something is there, if nothing is said.
+    /// The value of their cells; by default the value for presence, see [`full`].
     pub(crate) value: Option<FeatureValue>,
     pub(crate) overlaps: Overlaps,
-    /// Their coordinates; those of their file if nothing is said.
+    /// Their coordinates; by default those of their file.
     pub(crate) coordinates: Option<Coordinates>,
     pub(crate) memory: u64,
-    /// Whether it is told that some reach beyond the tree.
+    /// Whether to report features that extend beyond the tree.
     pub(crate) tells_beyond: bool,
 }
 
-/// The number that says of a cell that something is there.
+/// Returns the number that marks a cell as present.
 fn full(header: &Header) -> Number {
     if header.rule == Rule::Occupancy { 255u64.into() } else { 1u64.into() }
 }
@@ -103,7 +105,7 @@ fn refuse(given: &[(&str, bool)], reason: &str) -> Result<()> {
     }
 }
 
-/// Options of features among trees that are combined.
+/// Options for features that are combined with trees.
 #[derive(clap::Args, Clone, Debug, Default)]
 #[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
 pub(crate) struct FeatureOperands {
@@ -119,7 +121,7 @@ pub(crate) fn are_mixed(files: &[PathBuf]) -> bool {
 }
 
 impl FeatureOperands {
-    /// Which features count, where there are no trees, and so no cells.
+    /// Returns the filter. Fails if an option for cells was given, since there are no trees.
     pub(crate) fn filter_alone(&self) -> Result<FeatureFilter> {
         let given = [
             ("--value", self.values.value.is_some()),
@@ -130,7 +132,7 @@ impl FeatureOperands {
         Ok(self.cells.filter.clone().unwrap_or_default())
     }
 
-    /// Fails if something was said of features, and there are none.
+    /// Fails if an option for features was given, where there are none.
     pub(crate) fn refuse(&self) -> Result<()> {
         let reason = "is for features that are combined with trees";
         let given =
@@ -139,7 +141,8 @@ impl FeatureOperands {
         self.cells.refuse(reason)
     }
 
-    /// Combines trees with features, which are laid over the cells of the trees. Returns the features of each file that has some, too.
+    /// Combines trees with features, which are rasterized to the trees' cells. Returns also the
+    /// feature count of each feature file.
     pub(crate) fn combine(
         &self,
         operation: CombineOperation,
@@ -185,7 +188,7 @@ impl FeatureOperands {
     }
 }
 
-/// The value that `edit fill` gives cells of features: numbers, or an attribute.
+/// Parses the value that `edit fill` gives cells of features: numbers, or an attribute.
 pub(crate) fn feature_value(texts: &[String]) -> Result<FeatureValue> {
     let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.trim().parse::<Number>()).collect();
     match (numbers, texts) {
@@ -196,7 +199,7 @@ pub(crate) fn feature_value(texts: &[String]) -> Result<FeatureValue> {
     }
 }
 
-/// Fails unless a file is one of features.
+/// Fails unless a file is a feature file.
 pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
     ensure!(
         is_feature_file(file),
@@ -206,7 +209,7 @@ pub(crate) fn check_features(file: &Path, option: &str) -> Result<()> {
     Ok(())
 }
 
-/// A file of features that is brought to another coordinate system.
+/// A feature file to be reprojected.
 pub(crate) struct Reprojection<'a> {
     pub(crate) file: &'a Path,
     pub(crate) steps: &'a [ViewStep],

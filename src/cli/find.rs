@@ -1,4 +1,5 @@
-//! `spinney find`: the blocks whose cells all meet a condition, the leaves and objects of exact models, and which of these touch.
+//! `spinney find`: blocks whose cells all satisfy a condition; leaves, objects and contacts of
+//! exact models.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -43,7 +44,8 @@ CityJSON, say) may also overlap. A line has how they do (touch; overlap; contain
 the first is in the second; equal), the volume of what is in both, the area of walls that lie on each other where they
 touch, a place that both have, and, each behind a tab, their names.";
 
-/// Find the blocks of the tree whose cells all meet a condition, or leaves and objects of an exact model
+/// Find the blocks of the tree whose cells all satisfy a condition, or leaves and objects of an
+/// exact model
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -53,21 +55,22 @@ pub(crate) struct Args {
     condition: Wanted,
     #[command(flatten)]
     part: PartOptions,
-    /// Place in which is searched: the cells of features (polygons, lines and points of GeoJSON, FlatGeobuf, GeoPackage, a shapefile or a
-    /// table)
+    /// Region in which to search: the cells of features (polygons, lines and points of GeoJSON,
+    /// FlatGeobuf, GeoPackage, a shapefile or a table)
     #[arg(long, value_name = "FEATURES")]
     within: Option<PathBuf>,
     #[command(flatten)]
     features: FeatureCells,
     #[command(flatten)]
     memory: Memory,
-    /// Width of the steps that corners of a mesh file are moved to for --contacts [default: that of `build --brep`]
+    /// Width of the grid units that vertices of a mesh file are moved to for --contacts [default:
+    /// that of `build --brep`]
     #[arg(long, value_name = "WIDTH", requires = "contacts")]
     snap: Option<f64>,
-    /// Number of blocks at most
+    /// Maximum number of blocks
     #[arg(long, value_name = "N")]
     limit: Option<u64>,
-    /// Only so many blocks, the largest first
+    /// Only this many blocks, the largest first
     #[arg(long, value_name = "N", conflicts_with = "limit")]
     #[arg(value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     largest: Option<u32>,
@@ -92,7 +95,7 @@ struct Wanted {
     /// Leaves of exact models, of these kinds
     #[arg(long, value_name = "KIND,...", value_delimiter = ',')]
     leaf: Option<Vec<LeafKind>>,
-    /// Name of the object of an exact model that is told of: its number, box, volume and attributes
+    /// Name of the object of an exact model to report: its number, box, volume and attributes
     #[arg(long, value_name = "NAME")]
     object: Option<String>,
     /// Pairs of objects of an exact model, or of a mesh file, that touch or overlap
@@ -161,7 +164,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
 }
 
 impl Args {
-    /// The cells among which is searched, as a tree.
+    /// Returns the cells of the region of the search, as a tree.
     fn zones(&self, tree: &Dataset, global: &Global) -> Result<Option<Arc<ViewSource>>> {
         let Some(file) = &self.within else {
             self.features.refuse("is for features: name their file with --within")?;
@@ -180,7 +183,7 @@ impl Args {
     }
 }
 
-/// A block as a line of text.
+/// Formats a block as a line of text.
 fn as_text(tree: &Dataset, block: &FoundBlock) -> String {
     let axes = tree.header().form.axes();
     let list = |numbers: &[u64; 3]| numbers[..axes].iter().map(u64::to_string).collect::<Vec<_>>().join(",");
@@ -191,7 +194,7 @@ fn as_text(tree: &Dataset, block: &FoundBlock) -> String {
     format!("{} {} {min} {size} {world}{value}", block.code, block.level)
 }
 
-/// A block as a JSON object.
+/// Formats a block as a JSON object.
 fn as_json(tree: &Dataset, block: &FoundBlock) -> serde_json::Value {
     let axes = tree.header().form.axes();
     let [low, high] = tree.metadata().frame.world_box(&block.bounds);

@@ -1,4 +1,4 @@
-//! `spinney get`: any part at any level as a picture or array.
+//! `spinney get`: any region at any level as an image or array.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -51,7 +51,7 @@ evenly at that level and above: each deeper level adds some.
 Of trees of lines (.geojson, .gpkg, .fgb, .shp, .csv, .svg, .obj, .ply) come the whole features of which a line passes through the window, or
 crosses those of a file (--crossing).";
 
-/// Write any part at any level of detail as a picture or array
+/// Write any region at any level of detail as an image or array
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -61,53 +61,59 @@ pub(crate) struct Args {
     output: OutputFile,
     #[command(flatten)]
     part: PartOptions,
-    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they
-    /// were
+    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the
+    /// original cells
     #[arg(long, conflicts_with = "size")]
     level: Option<u8>,
-    /// Columns and rows, or the longer of the two, which keeps the aspect. Amounts are averaged over each pixel's area, from a level with at least
-    /// two cells along its sides (off by at most half of what values differ by within the cells at a pixel's
+    /// Columns and rows, or the longer side, which keeps the aspect ratio. Continuous values are
+    /// averaged over each pixel's area, from a level with at least two cells along its sides
+    /// (error: at most half of the difference between the values within the cells at a pixel's
     /// edges); classes are those at pixels' centres
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
-    /// Averages of --size that are exact, down to the deepest cells wherever a pixel's edge cuts a node
+    /// Exact averages for --size, down to the deepest cells wherever a pixel's edge cuts a node
     #[arg(long, requires = "size")]
     exact: bool,
-    /// Slice of an octree across an axis, as in z=12, x=3 or y=5: a cell of the deepest level [default: z=0]
+    /// Slice of an octree perpendicular to an axis, as in z=12, x=3 or y=5: a cell of the deepest
+    /// level [default: z=0]
     #[arg(long, value_name = "AXIS=N", value_parser = parse_slice)]
     slice: Option<Slice>,
     #[command(flatten)]
     places: PointPlaces,
-    /// Lines of a file of features, which are brought to the tree's coordinate system from that of their file: of a tree of lines the features that they cross or touch are written
+    /// Lines of a feature file, reprojected to the tree's coordinate system: of a tree of lines the
+    /// features that they cross or touch are written
     #[arg(long, value_name = "LINES", conflicts_with_all = ["window", "within", "ball"])]
     crossing: Option<PathBuf>,
-    /// Attributes of points or lines that are written, as in intensity,classification [default: all]
+    /// Attributes of points or lines to write, as in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     attribute: Option<String>,
-    /// Format where the output's name does not say; points have las, laz, csv, ply and npy, lines geojson, csv, svg, gpkg, fgb, shp, obj and ply
+    /// Format, if the output's name does not say; points have las, laz, csv, ply and npy, lines
+    /// geojson, csv, svg, gpkg, fgb, shp, obj and ply
     #[arg(long, value_parser = ["png", "webp", "tif", "exr", "npy", "nrrd", "raw", "las", "laz", "csv", "ply", "geojson", "svg", "gpkg", "fgb", "shp", "obj"])]
     format: Option<String>,
-    /// Number that means VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else NaN or an end
-    /// of the type's range; where none is free, .tif gets a mask]
+    /// Nodata number for VOID; an error if it lies within the values [default: the layer's own if
+    /// no value can be equal to it, else NaN or an end of the type's range; where none is free,
+    /// .tif gets a mask]
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,
-    /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or a file with it; see
-    /// docs/styles.md [default: the values themselves; .webp, and .png of others than u8 and u16: the style "default"]
+    /// Colours: a style's name (viridis, terrain, hillshade, relief, terrain-rgb ...), its JSON or
+    /// a file with it; see docs/styles.md [default: the values themselves; .webp, and .png of
+    /// others than u8 and u16: the style "default"]
     #[arg(long, value_name = "STYLE", value_parser = parse_style, conflicts_with = "nodata")]
     style: Option<Style>,
-    /// Grey between two numbers, which become black and white: short for a style
+    /// Grey between two numbers, which become black and white: shorthand for a style
     #[arg(long, value_name = "A,B", value_parser = parse_range, conflicts_with = "style")]
     range: Option<[f64; 2]>,
 }
 
-/// Reads two numbers that differ.
+/// Parses two different numbers.
 fn parse_range(text: &str) -> Result<[f64; 2], String> {
     numbers(text)
         .filter(|[black, white]: &[f64; 2]| black != white && black.is_finite() && white.is_finite())
         .ok_or_else(|| "expected two numbers that differ, as in 0,4000".into())
 }
 
-/// The error of coordinates without a place.
+/// Error message for coordinates without a window or slice.
 const IN_IS_FOR: &str = "--in is for --window and --slice";
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -150,7 +156,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         bail!("{option}: is for trees of points and of lines");
     }
     let format = picture_format(path, args.format.as_deref(), ".png, .webp, .tif, .exr, .npy, .nrrd or .raw");
-    // What is drawn has layers as colours; what has values has them as bands.
+    // Images have layers as colours; arrays have them as bands.
     let is_drawn = args.style.is_some() || args.range.is_some() || args.slice.is_some();
     let is_drawn = is_drawn || matches!(format, Ok(Format::Png | Format::Webp | Format::Exr));
     let is_composite = is_drawn && args.tree.is_composite(global)?;
@@ -200,7 +206,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         Some(size) => size.of(columns, rows),
         None => {
             let shift = tree.depth() - level;
-            // (A block counts of which any cell is in the part.)
+            // (A block is included if any of its cells is in the region.)
             let blocks = |axis: usize| (bounds.max[axis].div_ceil(1 << shift)) - (bounds.min[axis] >> shift);
             let [columns, rows] = [[1, 2], [0, 2], [0, 1]][across].map(blocks);
             (columns, rows)
@@ -234,7 +240,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Writes several layers as bands of one picture or array.
+/// Writes several layers as bands of one image or array.
 fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, start: Instant) -> Result<()> {
     let path = args.output.path();
     ensure!(
@@ -242,7 +248,7 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
         "--style, --range, .png and .webp are for one layer (--layer NAME), or two to four as colours (--layer A,B,C); all are written to .tif, .npy and .raw"
     );
     ensure!(args.slice.is_none(), "--slice: is for one layer (--layer NAME)");
-    // All on the grid of the one with the smallest cells.
+    // All layers use the grid of the one with the smallest cells.
     let depth = trees.iter().map(Dataset::depth).max().unwrap_or(0);
     let finest = trees.iter().position(|tree| tree.depth() == depth).unwrap_or(0);
     let names: Vec<String> = trees.iter().map(|tree| tree.metadata().name.clone()).collect();
@@ -282,7 +288,8 @@ fn layers(args: &Args, trees: Vec<Dataset>, format: Format, global: &Global, sta
     Ok(())
 }
 
-/// The cells that are shown if none are asked for: the picture, or, where that is the whole world of web maps, the box of all data.
+/// Returns the default region: the raster's extent, or, for the web map grid of the whole world,
+/// the box of all data.
 pub(crate) fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
     let header = tree.header();
     if web_mercator_depth(&tree.metadata().frame, header.extent).is_none() {
@@ -303,8 +310,8 @@ pub(crate) fn picture(tree: &Dataset, global: &Global) -> Result<Bounds> {
     Ok(bounds)
 }
 
-/// The tree as it is seen when its columns begin in a part on the western side of its seam, and the cells of that part and of the one
-/// that lies next to it on the other side.
+/// Returns a view of the tree whose columns start at the western box, so that the boxes on both
+/// sides of the seam are adjacent, and the box of both.
 fn across_seam(tree: Dataset, west: &Bounds, east: &Bounds) -> Result<(Dataset, Bounds)> {
     let extent = [west.size()[0] + east.size()[0], west.size()[1], 1];
     let origin = west.min.map(|cell| cell as f64);

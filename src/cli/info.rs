@@ -1,4 +1,4 @@
-//! `spinney info`: what is in a file.
+//! `spinney info`: a file's contents.
 
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -23,7 +23,7 @@ const EXAMPLES: &str = "Examples:
   spinney info world.goblin
   spinney info world.goblin --json > world.json";
 
-/// Show what is in a file
+/// Show a file's contents
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -31,7 +31,8 @@ pub(crate) struct Args {
     file: PathBuf,
     #[command(flatten)]
     layer: LayerOption,
-    /// Count the nodes of each level also where that takes long: in .autumn files of more than 4 million records
+    /// Count the nodes of each level also where that takes long: in .autumn files of more than 4
+    /// million records
     #[arg(long)]
     levels: bool,
     /// Print JSON
@@ -82,7 +83,7 @@ fn describe(args: &Args, global: &Global) -> Result<()> {
     Ok(tree.check_unchanged()?)
 }
 
-/// What is in a file of several layers.
+/// Describes a file of several layers.
 fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
     let mut text = String::new();
     writeln!(text, "{}: {} file of {} layers", shown(tree.name()), tree.format().name(), layers.len())?;
@@ -113,7 +114,8 @@ fn layers_as_text(tree: &Dataset, layers: &[LayerInfo]) -> Result<String> {
     Ok(text)
 }
 
-/// All layers, with the nodes of their levels up to so many records, and the bytes of these up to so many segments.
+/// Describes all layers as JSON, with node counts per level for up to `most` records, and bytes per
+/// level for up to `summed` segments.
 fn layers_as_json(
     tree: &Dataset,
     layers: &[LayerInfo],
@@ -136,10 +138,11 @@ fn layers_as_json(
     }))
 }
 
-/// Records of which the nodes are counted without being asked to: a matter of a second.
+/// Record count up to which nodes are counted by default: takes about a second.
 const COUNTED: u64 = 1 << 22;
 
-/// Segments whose bytes are summed without being asked to: about a megabyte of the directory tells them.
+/// Segment count up to which bytes are summed by default: reads about a megabyte of the segment
+/// index.
 const SUMMED: usize = 1 << 14;
 
 /// VOID, LEAF and INNER nodes of each level.
@@ -147,13 +150,13 @@ type Levels<'a> = Option<&'a [[u64; 3]]>;
 /// Bytes of segments of each level.
 type Segments<'a> = Option<&'a [LevelBytes]>;
 
-/// Lengths of a cell's edges in the world.
+/// Returns the lengths of a cell's edges in the world.
 fn cell_size(frame: &Frame) -> [f64; 3] {
     let [x, y, z] = frame.matrix;
     std::array::from_fn(|axis| x[axis].hypot(y[axis]).hypot(z[axis]))
 }
 
-/// Bytes of the picture as plain samples.
+/// Returns the raster's size in bytes as plain samples.
 fn raw_bytes(tree: &Dataset) -> u64 {
     tree.header().extent.iter().product::<u64>().saturating_mul(tree.header().form.value.size() as u64)
 }
@@ -239,12 +242,12 @@ fn as_json(tree: &Dataset, (levels, segments): (Levels<'_>, Segments<'_>)) -> Re
     Ok(json)
 }
 
-/// Whether a tree is a manifest's.
+/// Whether a tree comes from a manifest.
 fn is_listed(tree: &Dataset) -> bool {
     matches!(tree.as_file(), Some(TreeFile::Mosaic(_)))
 }
 
-/// The files that a manifest lists.
+/// Returns the files that a manifest lists.
 fn listed_as_json(tree: &Dataset) -> Option<Vec<serde_json::Value>> {
     let Some(TreeFile::Mosaic(tree)) = tree.as_file() else { return None };
     let json = |entry: &ListedFile| json!({ "path": entry.path, "layer": entry.layer, "from": entry.bounds.min, "size": entry.bounds.size(), "bytes": entry.tag.length });
@@ -257,7 +260,7 @@ fn crs_as_json(crs: &Crs) -> serde_json::Value {
         "form": crs.form(),
         "name": crs.name(),
         "definition": crs.definition(),
-        // What other programs read, and why if there is nothing.
+        // The definition for other programs, or the reason why there is none.
         "text": text.as_ref().ok().cloned().or_else(|| crs.foreign_text()),
         "problem": text.err().map(|error| error.to_string()),
     })
@@ -301,7 +304,7 @@ fn control_points_as_json(metadata: &Metadata) -> Option<serde_json::Value> {
     Some(json!({ "crs": points.crs.as_ref().map(crs_as_json), "points": list }))
 }
 
-/// Writes the tree's form and size, and where it lies in the world.
+/// Writes the tree's type, size, and georeferencing.
 fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     let (header, metadata) = (tree.header(), tree.metadata());
     writeln!(text, "{}: {} {}", shown(tree.name()), tree.format().name(), tree_name(tree))?;
@@ -342,7 +345,7 @@ fn write_picture(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes where the cells lie in the world.
+/// Writes the georeferencing of the cells.
 fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
     let (frame, axes) = (&tree.metadata().frame, tree.header().form.axes());
     let list = |numbers: &[f64], between: &str| -> String {
@@ -362,13 +365,14 @@ fn write_place(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes bytes and records. (A dense block mostly takes fewer places than it has records; what is stored twice takes more.)
+/// Writes bytes and records. (A dense block usually needs fewer record slots than it has records;
+/// records that are stored twice need more.)
 fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     let (bytes, raw) = (tree.file_size(), raw_bytes(tree));
     let ratio = raw as f64 / bytes.max(1) as f64;
     writeln!(text, "bytes       {bytes}; plain samples would be {raw}, {ratio:.1} times as many")?;
     if is_listed(tree) {
-        // (Records are those of its files.)
+        // (Records are in the listed files.)
         return Ok(());
     }
     let sections: Vec<String> =
@@ -387,7 +391,7 @@ fn write_storage(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes how segments are packed, and how many bytes those of each level have.
+/// Writes the codec of segments, and the bytes of each level's segments.
 fn write_segments(text: &mut String, tree: &Dataset, segments: Segments<'_>) -> Result<()> {
     let Some(levels) = segments else { return Ok(()) };
     let is_packed = tree.header().codec != Codec::Plain;
@@ -400,9 +404,9 @@ fn write_segments(text: &mut String, tree: &Dataset, segments: Segments<'_>) -> 
     Ok(())
 }
 
-/// Writes how many cells there are, and their classes, or else what their channels hold.
+/// Writes the cell count, and the classes, or else the statistics of each channel.
 fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
-    /// Classes that are listed.
+    /// Maximum number of listed classes.
     const MOST: usize = 32;
     let stats = tree.statistics(None, &())?;
     writeln!(text, "cells       {}, and {} VOID", stats.cells, stats.void_cells)?;
@@ -433,7 +437,7 @@ fn write_values(text: &mut String, tree: &Dataset) -> Result<()> {
     Ok(())
 }
 
-/// Writes the number of nodes in each state, level by level.
+/// Writes the node count of each state, level by level.
 fn write_levels(text: &mut String, levels: Levels<'_>) -> Result<()> {
     let Some(levels) = levels else {
         writeln!(text, "levels      not counted: more than {COUNTED} records; --levels counts them")?;

@@ -1,4 +1,4 @@
-//! `spinney legend`: what the colours of a style mean.
+//! `spinney legend`: the legend of a style.
 
 use anyhow::{Context as _, Result, bail};
 use spinney::raw::export::{LegendFormat, export_legend};
@@ -22,13 +22,14 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the tree's own]
+    /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the
+    /// tree's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
-    /// Format where the output's name does not say
+    /// Format, if the output's name does not say
     #[arg(long, value_parser = ["png", "svg", "json"])]
     format: Option<String>,
-    /// Enlargement of a .png [default: 2]
+    /// Scale factor of a .png [default: 2]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=8))]
     scale: Option<u8>,
 }

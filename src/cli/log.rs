@@ -20,7 +20,7 @@ const EXAMPLES: &str = "Examples:
 pub(crate) struct Args {
     /// Tree file
     file: PathBuf,
-    /// Number of commits at most
+    /// Maximum number of commits
     #[arg(long, value_name = "N")]
     limit: Option<usize>,
     /// Print JSON
@@ -50,7 +50,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         }
         print_text(&format!("       {} cells; records: {}\n", entry.cells, commit::written(&entry)))?;
     }
-    // However few were asked for: the newest of them is not what it seems.
+    // Also with --limit: the newest commit may be corrupt.
     file.check_newest()?;
     Ok(file.check_unchanged()?)
 }

@@ -9,11 +9,14 @@ use spinney::raw::manifest::list_files;
 use super::Global;
 use super::report::{Work, warn};
 
-/// Make a manifest of tree files, or change one: a text (JSON) that tells many files as one, wherever a tree file is expected.
+/// Make a manifest of tree files, or change one: a JSON file that combines many files into one,
+/// wherever a tree file is expected.
 ///
-/// The files lie on one grid of cells and have values of one kind; where they have nothing there is VOID, and where two overlap the later one lies on top.
-/// Files are named relative to the manifest if they are given so. A manifest is replaced as a whole: whoever reads it sees the old one or the new
-/// one, and of two who change it at the same time one is told to try again.
+/// The files have one grid of cells and values of one kind. Cells without data in any file are
+/// VOID; where two files overlap the later one lies on top. Files are named relative to the
+/// manifest if they are given so. A manifest is replaced as a whole: readers see the old one or the
+/// new one. If two processes change it at the same time, one of them fails and reports to try
+/// again.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -22,10 +25,11 @@ pub(crate) struct Args {
     /// File to write: the manifest, or the one to change
     #[arg(short, long, value_name = "OUT.manifest.json")]
     output: PathBuf,
-    /// Files to add to the manifest that is there; one that it lists already is listed in the state that it has now
+    /// Files to add to the existing manifest; a file that it lists already is listed in its current
+    /// state
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with = "files")]
     add: Vec<PathBuf>,
-    /// Files to take off the manifest that is there, by the names that it has for them
+    /// Files to remove from the existing manifest, by the names in it
     #[arg(long, value_name = "NAME", num_args = 1.., conflicts_with = "files")]
     remove: Vec<String>,
 }

@@ -52,8 +52,8 @@ use spinney::FileAccess;
 use self::args::{Global, words};
 use self::report::exit::{BROKEN_PIPE, exit_code};
 
-/// Keeps pictures and solids that are larger than memory as quadtrees and octrees, any part at any level of
-/// detail straight from disk.
+/// Store rasters and solids that are larger than memory as quadtrees and octrees, with fast access
+/// to any region at any level of detail
 #[derive(Parser)]
 #[command(name = "spinney", version, propagate_version = true, max_term_width = 100, after_help = EXAMPLES)]
 struct Cli {
@@ -77,7 +77,7 @@ Start here:
 
 Exit codes: 0 fine, 1 failure, 2 wrong usage, 130 interrupted.";
 
-/// Subcommands: a new one is a module, a line here and one in [`Command::run`].
+/// Subcommands. A new one is a module, a variant here and an arm in [`Command::run`].
 #[derive(Subcommand)]
 enum Command {
     Build(Box<build::Args>),
@@ -146,7 +146,7 @@ impl Command {
     }
 }
 
-/// Opens a tree file of any type, and tells what is to be known about it.
+/// Opens a tree file of any type, and prints its remark as a warning.
 fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
     let tree = spinney::raw::dataset::open(path, &access.into())?;
     if let Some(remark) = tree.remark() {
@@ -155,7 +155,7 @@ fn open(path: &Path, access: &FileAccess) -> Result<Dataset> {
     Ok(tree)
 }
 
-/// Runs the program with the arguments that it was given.
+/// Runs the program with its command-line arguments.
 pub(crate) fn main() -> ExitCode {
     let mut program = tasks::program();
     let parsed = program.try_get_matches_from_mut(words()).and_then(|matches| {

@@ -16,24 +16,24 @@ use super::report::{Work, report_output};
 
 /// A region that limits a result.
 pub(super) enum Region {
-    /// Least and greatest x and y, in coordinates of the first file.
+    /// Minimum and maximum x and y, in coordinates of the first file.
     Box([f64; 2], [f64; 2]),
-    /// A file of polygons in the coordinates of the first one.
+    /// A polygon file in the coordinates of the first one.
     Polygons(PathBuf),
 }
 
-/// A question about files of polygons.
+/// A request for an overlay of polygon files.
 pub(super) struct Question<'a> {
     pub(super) name: &'a str,
     pub(super) files: &'a [PathBuf],
-    /// Conditions for the features of all of them.
+    /// Conditions for the features of all files.
     pub(super) filter: FeatureFilter,
     pub(super) within: Option<Region>,
     pub(super) snap: Option<f64>,
     pub(super) memory: Memory,
 }
 
-/// Writes the polygons that an operation makes of those of some files.
+/// Writes the result of an overlay operation on the polygons of files.
 pub(super) fn run(question: &Question<'_>, path: &Path, global: &Global) -> Result<()> {
     let start = Instant::now();
     let Question { name, files, filter, within, snap, memory } = question;

@@ -1,4 +1,5 @@
-//! `spinney point`: single cells, a few from the command line or many from standard input.
+//! `spinney point`: values of single cells, a few from the command line or many from standard
+//! input.
 
 use std::io::{self, BufRead, Write};
 use std::path::Path;
@@ -34,7 +35,7 @@ for each place where a ray, given by its origin and direction, passes through th
 direction, the place, numbers of the face and its part, and 1 if the ray enters there. Lines of standard input are `X,Y` or `X Y`;
 octrees need X,Y,Z.";
 
-/// Ask for the values of single cells
+/// Query the values of single cells
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -43,7 +44,7 @@ pub(crate) struct Args {
     /// Points, X,Y or X,Y,Z; read from standard input if there are none
     #[arg(value_name = "X,Y")]
     points: Vec<String>,
-    /// Level of detail: the answer is the average of the block around the point
+    /// Level of detail: the result is the average of the block around the point
     #[arg(long)]
     level: Option<u8>,
     #[command(flatten)]
@@ -51,44 +52,46 @@ pub(crate) struct Args {
     /// Print JSON: a line for each point, with names and times of the layers
     #[arg(long)]
     json: bool,
-    /// Name of the object of an exact model that a point is in or on, behind where it lies and a tab: that whose surface is nearest
+    /// Name of the object of an exact model that a point is in or on, after its location and a tab:
+    /// the object with the nearest surface
     #[arg(long, conflicts_with_all = ["distance", "rays"])]
     object: bool,
-    /// Distance from the surface of an exact model, negative inside, instead of where points lie
+    /// Signed distance from the surface of an exact model, negative inside, instead of the location
     #[arg(long)]
     distance: bool,
-    /// Ask for the nearest ones of a tree of points or of lines: so many points, or features, for each place; a line has the place's number, the distance and
-    /// the coordinates, of lines those of the nearest place and the feature's number, from 0; distance and coordinates are in the tree's own system, whatever --in
-    /// says [default: 1]
+    /// Find the nearest K points or features of a tree of points or of lines; a result line has the
+    /// query point's number, the distance and the coordinates, for lines those of the nearest point
+    /// and the feature's number, from 0; distance and coordinates are in the tree's own system,
+    /// whatever --in says [default: 1]
     #[arg(long, value_name = "K")]
     nearest: Option<usize>,
-    /// Distance within which points or lines of such a tree are looked for [default: any]
+    /// Maximum distance of these points or lines [default: any]
     #[arg(long, value_name = "DISTANCE")]
     radius: Option<f64>,
-    /// Places where rays X,Y,Z,DX,DY,DZ pass through the surface of an exact model: first or all
+    /// Points where rays X,Y,Z,DX,DY,DZ cross the surface of an exact model: first or all
     #[arg(long, value_name = "WHICH", value_parser = ["first", "all"], conflicts_with = "distance")]
     rays: Option<String>,
 }
 
 impl Args {
-    /// Fails if options were given that queries for the nearest points or lines do not take.
+    /// Fails for options that nearest-neighbour queries do not have.
     fn check_near(&self, what: &str, global: &Global) -> Result<()> {
         global.check_options(&self.tree.file, what, &["--nearest", "--radius", "--in"])
     }
 
-    /// What is requested around each position: so many points or features, within a distance, of positions that are brought to the tree.
+    /// Returns the nearest-neighbour request, and prints the locator's remarks as warnings.
     fn near(&self, locator: WorldLocator) -> Near {
         locator.remarks().iter().for_each(|remark| warn(remark));
         let within = self.radius.unwrap_or(f64::INFINITY);
         Near { most: self.nearest.unwrap_or(1), within, locator }
     }
 
-    /// The coordinates of positions.
+    /// Returns the coordinates of positions.
     fn coordinates(&self) -> &Coordinates {
         self.coordinates.given().unwrap_or(&Coordinates::World)
     }
 
-    /// The question about points of exact models.
+    /// Returns the query for points of exact models.
     fn question(&self) -> PointQuestion {
         match (self.object, self.distance) {
             (true, _) => PointQuestion::Object,
@@ -98,13 +101,13 @@ impl Args {
     }
 }
 
-/// A request for what is nearest to positions.
+/// A nearest-neighbour request.
 pub(crate) struct Near {
-    /// Points or features for each position, at most.
+    /// Maximum number of points or features per position.
     pub(crate) most: usize,
-    /// How far away they may be, in the tree's unit.
+    /// Maximum distance, in the tree's unit.
     pub(crate) within: f64,
-    /// From the coordinates of the positions to those of the tree.
+    /// Converts positions to the tree's coordinates.
     pub(crate) locator: WorldLocator,
 }
 
@@ -141,7 +144,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let is_of_models = args.distance || args.object || args.rays.is_some();
     ensure!(!is_of_models, "--object, --distance and --rays are for exact models");
     let trees = args.tree.open_all(global)?;
-    // Places are those of the layer with the smallest cells.
+    // Positions are cells of the layer with the smallest cells.
     let finest = trees.iter().max_by_key(|tree| tree.depth()).expect("a file has a layer");
     let level = level_of(finest, args.level)?;
     global.report_approximate(finest, level);
@@ -170,32 +173,32 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Questions for points.
+/// Queries of points.
 struct Points<'a> {
     layers: PointLayers<'a>,
-    /// Whether the file is read from elsewhere.
+    /// Whether the file is remote.
     is_remote: bool,
-    /// Points outside of the picture so far.
+    /// Points outside of the extent so far.
     outside: Mutex<OutsidePoints>,
-    /// Name of what a point's number counts, for people.
+    /// Prefix of point numbers in messages.
     from: &'static str,
-    /// Of JSON the beginning of what each layer answers.
+    /// With --json, the beginning of each layer's result.
     headings: Option<Vec<String>>,
 }
 
-/// Points that lie outside of the picture.
+/// Points that lie outside of the extent.
 #[derive(Default)]
 struct OutsidePoints {
     count: u64,
-    /// Of these, points that would lie inside if x and y were swapped.
+    /// Those that would be inside if x and y were swapped.
     swapped: u64,
 }
 
-/// Bytes of input answered at a time, by all threads.
+/// Bytes of input per batch, for all threads.
 const BATCH: usize = 4 << 20;
 
 impl Points<'_> {
-    /// Answers all lines of an input, of any length, in batches.
+    /// Processes all lines of an input, of any length, in batches.
     fn stream(&self, mut input: impl BufRead, out: &mut impl Write) -> Result<()> {
         let mut rest: Vec<u8> = Vec::new();
         let mut line = 1;
@@ -214,8 +217,8 @@ impl Points<'_> {
                     continue;
                 }
             };
-            // The threads take parts of the batch, cut at ends of lines. (Of a file elsewhere the places of all points are fetched at the same
-            // time.)
+            // The threads process sections of the batch, cut at line ends. (For a remote file there
+            // is one section, so that the ranges of all points are fetched in one batch.)
             let parts = if self.is_remote { 1 } else { rayon::current_num_threads() * 4 };
             let parts = split_lines(&rest[..whole], parts);
             let starts = parts.iter().scan(line, |next, part| {
@@ -237,7 +240,7 @@ impl Points<'_> {
         }
     }
 
-    /// Answers lines of input, a line for each that is not empty; the first of them has number `first`.
+    /// Returns a result line for each nonempty input line. The first input line has number `first`.
     fn answer(&self, lines: &[u8], first: u64) -> Result<Vec<u8>> {
         let text = std::str::from_utf8(lines).context("standard input is not text")?;
         let mut cells = Vec::new();
@@ -258,7 +261,7 @@ impl Points<'_> {
         Ok(answers)
     }
 
-    /// The cell of the level in which the point of a line lies.
+    /// Returns the cell of the level that contains the point of a line.
     fn cell(&self, line: &str, number: u64) -> Result<[u64; 3]> {
         let axes = self.layers.axes();
         let wrong = || {
@@ -283,7 +286,7 @@ impl Points<'_> {
         Ok(cell)
     }
 
-    /// Says how many points lie outside of the picture, if any do.
+    /// Reports the number of points outside of the extent, if there are any.
     fn tell_outside(&self) {
         let outside = self.outside.lock().expect("no thread has panicked");
         let OutsidePoints { count, swapped } = *outside;
@@ -302,7 +305,7 @@ impl Points<'_> {
     }
 }
 
-/// Cuts text into about so many parts at ends of lines.
+/// Splits text at line ends into about `parts` sections.
 fn split_lines(bytes: &[u8], parts: usize) -> Vec<&[u8]> {
     let mut rest = bytes;
     let mut list = Vec::new();

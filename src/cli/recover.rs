@@ -1,4 +1,4 @@
-//! `spinney recover`: an older commit instead of a damaged one.
+//! `spinney recover`: makes an older commit the newest if the newest is corrupt.
 
 use std::path::PathBuf;
 
@@ -13,10 +13,10 @@ const EXAMPLES: &str = "Examples:
   cp map.autumn copy.autumn                          what is given up may be of use to somebody
   spinney recover map.autumn --to 11";
 
-/// Make an older commit the newest, in an Autumnal file whose newest commit is damaged
+/// Make an older commit the newest, in an Autumnal file whose newest commit is corrupt
 ///
-/// All that comes behind the commit is given up: the next edit writes over it. Files that are not damaged are left
-/// alone; `spinney revert` goes back without losing anything.
+/// Everything after that commit is discarded: the next edit overwrites it. Files that are not
+/// corrupt are not changed; `spinney revert` goes back without losing anything.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {

@@ -1,4 +1,4 @@
-//! `spinney render`: a shaded picture of a solid, or a drawing by lines.
+//! `spinney render`: a shaded image of a solid, or a line drawing.
 
 use std::path::Path;
 use std::time::Instant;
@@ -34,7 +34,7 @@ octants the blocks of the octree of an exact model or of cells, to --level (the 
 along the longest side). Edges between faces of one plane are left out. They are held in memory: at
 most 131072 triangles, or 262144 blocks.";
 
-/// Draw a picture of a solid: shaded, or by lines
+/// Draw an image of a solid: shaded, or as a line drawing
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -42,42 +42,43 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Columns and rows, or the longer of the two, which keeps the aspect of 4:3
+    /// Columns and rows, or the longer side, with the aspect ratio 4:3
     #[arg(long, value_name = "WxH", value_parser = parse_size, default_value = "1024x768")]
     size: Size,
-    /// Direction in which the viewer stands, in degrees: on the compass, and above the horizon
+    /// Direction of the viewer, in degrees: azimuth on the compass, and elevation above the horizon
     #[arg(long, value_name = "AZIMUTH,ELEVATION", value_parser = parse_direction, default_value = "215,30")]
     from: [f64; 2],
     /// Level of detail [default: the coarsest that is fine enough]
     #[arg(long)]
     level: Option<u8>,
-    /// Drawing by lines instead of a shaded picture: all edges, those that nothing hides, or the blocks of the octree
+    /// Line drawing instead of a shaded image: all edges, visible edges, or the blocks of the
+    /// octree
     #[arg(long, value_name = "STYLE", value_parser = parse_drawing)]
     drawing: Option<DrawingStyle>,
-    /// Enlargement: so many times as large as when all of the solid is seen
+    /// Scale factor: 1 shows all of the solid
     #[arg(long, value_name = "F", default_value_t = 1.0)]
     scale: f64,
-    /// Projection in which parallel lines stay parallel [default: that in which more distant things are smaller]
+    /// Orthographic projection, in which parallel lines remain parallel [default: perspective]
     #[arg(long)]
     orthographic: bool,
     /// Axis that points up in the world, y or z
     #[arg(long, value_name = "AXIS", default_value_t = Up::Z)]
     up: Up,
-    /// Colour behind the solid: #rrggbb, white, grey, black, or transparent
+    /// Background colour: #rrggbb, white, grey, black, or transparent
     #[arg(long, value_name = "COLOUR", value_parser = parse_colour, default_value = "white")]
     background: Background,
-    /// Samples of a pixel along each axis [default: 2; 4 of drawings]
+    /// Samples per pixel along each axis [default: 2; for line drawings 4]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=8))]
     samples: Option<u32>,
-    /// Format where the output's name does not say
+    /// Format, if the output's name does not say
     #[arg(long, value_parser = ["png", "tif", "npy", "raw", "svg"])]
     format: Option<String>,
 }
 
-/// Samples of a pixel along each axis, of shaded pictures and of drawings.
+/// Default samples per pixel along each axis, for shaded images and for line drawings.
 const SAMPLES: [u32; 2] = [2, 4];
 
-/// Reads how a solid is drawn by lines.
+/// Parses the style of a line drawing.
 fn parse_drawing(text: &str) -> Result<DrawingStyle, String> {
     match text {
         "wireframe" => Ok(DrawingStyle::Wireframe),
@@ -87,18 +88,18 @@ fn parse_drawing(text: &str) -> Result<DrawingStyle, String> {
     }
 }
 
-/// The colour behind the solid; `None` is transparent.
+/// The background colour; `None` is transparent.
 #[derive(Clone, Copy, Debug)]
 struct Background(Option<[u8; 3]>);
 
-/// Reads the direction in which the viewer stands.
+/// Parses the direction of the viewer.
 fn parse_direction(text: &str) -> Result<[f64; 2], String> {
     numbers(text)
         .filter(|[azimuth, elevation]: &[f64; 2]| azimuth.is_finite() && (-90.0..=90.0).contains(elevation))
         .ok_or_else(|| "expected azimuth and elevation in degrees, as in 215,30; elevation -90 to 90".into())
 }
 
-/// Reads a colour, by name or by its digits.
+/// Parses a colour, by name or by its digits.
 fn parse_colour(text: &str) -> Result<Background, String> {
     let name = text.to_lowercase();
     let colour = match name.as_str() {
@@ -183,14 +184,14 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Scene that is drawn.
+/// The scene to draw.
 enum Scene {
     Cells(Dataset),
     Model(Box<ModelView>),
 }
 
 impl Args {
-    /// The output's format.
+    /// Returns the output's format.
     fn format(&self, path: &Path) -> Result<DrawingFormat> {
         let is_svg = match &self.format {
             Some(format) => format == "svg",

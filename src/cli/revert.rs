@@ -1,4 +1,4 @@
-//! `spinney revert`: back to an older commit.
+//! `spinney revert`: returns to an older commit.
 
 use std::path::PathBuf;
 
@@ -15,7 +15,7 @@ const EXAMPLES: &str = "Examples:
   spinney revert map.autumn 3
   spinney revert map.autumn 3 -m 'The survey was wrong' --author Ann";
 
-/// Make an Autumnal file what it was at an older commit: a commit more, nothing is lost
+/// Restore an older commit of an Autumnal file: adds a commit, nothing is lost
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -30,7 +30,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     let note = args.options.note(format!("Revert to commit {}", args.commit));
     let work = Work::start(global, "cells")?;
-    // (What was there before is there still: nothing is made that memory would be needed for.)
+    // (The old records are reused: no memory is needed for new ones.)
     let mut editor = Editor::open_with(&args.file, 0, global.access())?;
     apply_edits(&mut editor, &mut [Ok(Edit::Revert(args.commit))].into_iter(), &work)?;
     let commit = editor.commit(note)?;

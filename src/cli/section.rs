@@ -1,4 +1,5 @@
-//! `spinney section`: where planes cut an exact model, or where two models meet.
+//! `spinney section`: plane sections of an exact model, or the intersection of two models'
+//! surfaces.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -36,33 +37,35 @@ numbers in the files that the models were built from. Only two models need --mem
 --split-other write the models themselves, with their faces divided along lines where the surfaces
 pass through each other, and around areas: these are edges of both then, and the bodies are the same.";
 
-/// Write where planes cut an exact model, or what the surfaces of two of them have in common
+/// Write plane sections of an exact model, or the intersection of the surfaces of two models
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
     /// Exact model (`build --brep`)
     file: PathBuf,
-    /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its product with the plane's points; or
-    /// another exact model
+    /// Planes: z=12.5, many at a time z=0..50/0.2, or plane=NX,NY,NZ,D with the normal and its dot
+    /// product with the plane's points; or another exact model
     #[arg(required = true, value_name = "PLANE|MODEL", value_parser = parse_cutter)]
     cutters: Vec<Cutter>,
-    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj or .ply; - is standard output
+    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp (of planes), .obj
+    /// or .ply; - is standard output
     #[arg(short, long, value_name = "FILE", required_unless_present_any = ["split", "split_other"])]
     output: Option<PathBuf>,
-    /// Write the first of two models with its faces divided where the other one passes through them
+    /// Write the first of two models with its faces split where the other one intersects them
     #[arg(long, value_name = "OUT.goblin")]
     split: Option<PathBuf>,
-    /// Write the other one of two models with its faces divided where the first one passes through them
+    /// Write the other one of two models with its faces split where the first one intersects them
     #[arg(long, value_name = "OUT.goblin")]
     split_other: Option<PathBuf>,
-    /// Format where the output's name does not say
+    /// Format, if the output's name does not say
     #[arg(long, value_parser = VECTOR_FORMATS)]
     format: Option<String>,
-    /// Coordinates in the plane: y and z where x is given, z and x where y is, x and y where z is
+    /// Coordinates in the plane: y and z if x is given, z and x if y is, x and y if z is
     #[arg(long)]
     flat: bool,
-    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is made beforehand. (Another
-    /// model meets it only after translate= and scale= with one factor)
+    /// View the file through an operation of `transform`, such as rotate=30; may be given several
+    /// times. Nothing is built in advance. (With another model, only translate= and scale= with one
+    /// factor)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<ViewStep>,
     #[command(flatten)]
@@ -71,14 +74,14 @@ pub(crate) struct Args {
     limit: OutputLimit,
 }
 
-/// Planes or another model that a model is cut by.
+/// The planes or the model that cut a model.
 #[derive(Clone, Debug)]
 enum Cutter {
     Planes(SectionPlanes),
     Model(PathBuf),
 }
 
-/// Reads what a model is cut by: planes, or the name of a file.
+/// Parses planes, or the name of a model file.
 fn parse_cutter(text: &str) -> Result<Cutter, String> {
     let planes = || text.parse().map(Cutter::Planes).map_err(|error: spinney::Error| error.to_string());
     let name = text.split_once('=').map(|(name, _)| name);
@@ -144,7 +147,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Writes a model whose faces are divided by another one.
+/// Writes a model whose faces are split by another one.
 fn split(args: &Args, output: &Path, model: &ExactModel, by: &ExactModel, global: &Global) -> Result<()> {
     let work = Work::start(global, "faces")?;
     let report = args
@@ -166,7 +169,7 @@ fn split(args: &Args, output: &Path, model: &ExactModel, by: &ExactModel, global
     Ok(())
 }
 
-/// Writes sections by planes; says what there is.
+/// Writes plane sections. Returns a summary.
 fn cut(
     args: &Args,
     output: &Path,
@@ -185,7 +188,7 @@ fn cut(
     Ok(format!("{} polygons in {} planes, with an area of {}", made.polygons, made.planes, made.area))
 }
 
-/// Writes what the surfaces of two models have in common; says what there is.
+/// Writes the intersection of two models' surfaces. Returns a summary.
 fn intersect(
     args: &Args,
     output: &Path,
@@ -220,7 +223,7 @@ fn open(path: &Path, steps: &[ViewStep], global: &Global) -> Result<ModelView> {
     match exact::open_viewed(path, steps, global)? {
         Some(view) => Ok(view),
         None => {
-            // (What is no tree at all is told as such.)
+            // (A file that is not a Spinney file gets its own error.)
             super::open(path, global.access())?;
             bail!(
                 "{}: is no exact model; sections are of those (`spinney build MODEL --brep`)",

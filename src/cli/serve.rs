@@ -1,4 +1,4 @@
-//! `spinney serve`: files and answers for browsers and other programs.
+//! `spinney serve`: files and query results for browsers and other programs.
 
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
@@ -27,43 +27,46 @@ docs/serve.md tells all addresses and what they answer.
 
 Files are served to whoever can reach the address: by default programs on this machine, and pages of any origin in its browsers.";
 
-/// Serve files and answers about them over HTTP
+/// Serve files and query results over HTTP
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Folder whose .goblin and .autumn files are served, or one file
+    /// Directory whose .goblin and .autumn files are served, or one file
     #[arg(value_name = "FOLDER|FILE")]
     path: PathBuf,
     /// Show the page in a browser
     #[arg(long)]
     open: bool,
-    /// Port to listen at; 0 is any that is free
+    /// Port to listen at; 0 is any free port
     #[arg(long, value_name = "N", default_value_t = 8000)]
     port: u16,
-    /// Address to listen at: by default that which this machine alone reaches; 0.0.0.0 is all that it has
+    /// Address to listen at: by default only this machine can connect; 0.0.0.0 is all its addresses
     #[arg(long, value_name = "ADDRESS", default_value_t = IpAddr::V4(Ipv4Addr::LOCALHOST))]
     host: IpAddr,
-    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; may be given several times; * is all, none is none but the server's own pages
+    /// Origin whose pages may read responses (CORS), as in https://maps.example.org; may be given
+    /// several times; * is all, none is only the server's own pages
     #[arg(long, value_name = "ORIGIN", default_value = "*")]
     allow_origin: Vec<String>,
-    /// Name by which requests may call the server (their Host), besides those of its address; may be given several times; * is any. Without it a loopback
-    /// address has localhost and its like alone (against DNS rebinding), others have all names
+    /// Host name that requests may use, in addition to those of its address; may be given several
+    /// times; * is any. Without it a loopback address accepts only localhost and similar names
+    /// (against DNS rebinding), others accept all names
     #[arg(long, value_name = "NAME")]
     allow_host: Vec<String>,
-    /// Address of the server as clients know it, for TileJSON with a proxy, as in https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix,
-    /// Forwarded or Host of the request]
+    /// Address of the server as clients know it, for TileJSON with a proxy, as in
+    /// https://maps.example.org/tiles [default: by X-Forwarded-Proto, -Host and -Prefix, Forwarded
+    /// or Host of the request]
     #[arg(long, value_name = "URL")]
     public_url: Option<String>,
-    /// Seconds that an answer may take, and that a client may let it wait
+    /// Seconds that a response may take, and that the server waits for a client
     #[arg(long, value_name = "SECONDS", default_value_t = 30.0, value_parser = parse_seconds)]
     timeout: f64,
-    /// Most pixels of a window that is asked for
+    /// Maximum pixels of a requested window
     #[arg(long, value_name = "N", default_value_t = 4 << 20, value_parser = clap::value_parser!(u64).range(1..))]
     max_cells: u64,
-    /// Most bytes of polygons that are sent with a question
+    /// Maximum bytes of polygons in a request
     #[arg(long, value_name = "BYTES", default_value = "8M", value_parser = parse_bytes)]
     max_body: u64,
-    /// Most connections at the same time
+    /// Maximum number of concurrent connections
     #[arg(long, value_name = "N", default_value_t = 256, value_parser = clap::value_parser!(u16).range(1..))]
     connections: u16,
 }
@@ -96,7 +99,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Shows an address in the browser that the system has for it.
+/// Opens a URL in the system's browser.
 fn open_browser(url: &str) -> bool {
     const LAUNCHERS: [&str; 4] = ["xdg-open", "open", "explorer", "wslview"];
     LAUNCHERS.iter().any(|launcher| {

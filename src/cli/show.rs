@@ -1,4 +1,4 @@
-//! `spinney show`: a look at a file, in the terminal.
+//! `spinney show`: shows a file in the terminal.
 
 use std::env;
 use std::fmt::Write as _;
@@ -23,7 +23,7 @@ const EXAMPLES: &str = "Examples:
 
 Colours are those of terminals with 24 bits; NO_COLOR, or an output that is no terminal, makes letters of them.";
 
-/// Look at a file in the terminal
+/// Show a file in the terminal
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -32,14 +32,15 @@ pub(crate) struct Args {
     /// Columns and rows of letters, at most [default: the terminal's]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     size: Option<Size>,
-    /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the tree's own]
+    /// Colours: a style's name, its JSON or a file with it: see `spinney get --style` [default: the
+    /// tree's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
 }
 
-/// Columns and rows of letters, where nothing tells how many there are.
+/// Default columns and rows of letters.
 const USUAL: [u64; 2] = [80, 24];
-/// Columns and rows at most.
+/// Maximum columns and rows.
 const MOST: u64 = 1000;
 
 pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
@@ -49,14 +50,14 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
         None => terminal(),
     };
     let [columns, rows] = room.map(|letters| letters.clamp(1, MOST));
-    // A letter is two pixels, one above the other.
+    // A letter shows two pixels, one above the other.
     let drawn = drawn(args, [columns, 2 * rows.saturating_sub(2).max(1)], global)?;
     let has_colours = is_terminal && env::var_os("NO_COLOR").is_none_or(|value| value.is_empty());
     let text = if has_colours { drawn.colours() } else { drawn.letters() };
     Ok(io::stdout().write_all(text.as_bytes())?)
 }
 
-/// Columns and rows of the terminal.
+/// Returns columns and rows of the terminal.
 #[cfg(unix)]
 fn terminal() -> [u64; 2] {
     match rustix::termios::tcgetwinsize(io::stdout()) {
@@ -70,13 +71,13 @@ fn terminal() -> [u64; 2] {
     USUAL
 }
 
-/// Pixels, red, green, blue and opacity.
+/// Pixels: red, green, blue and opacity.
 struct Picture {
     columns: usize,
     pixels: Vec<[u8; 4]>,
 }
 
-/// Draws what is in a file, as large as there is room for.
+/// Draws a file's contents, at the size of `room`.
 fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("picture.raw");
@@ -119,7 +120,7 @@ fn drawn(args: &Args, room: [u64; 2], global: &Global) -> Result<Picture> {
     Ok(Picture { columns, pixels: bytes.chunks_exact(channels.max(1)).map(pixel).collect() })
 }
 
-/// Draws a quadtree's picture; returns its columns and rows.
+/// Draws a quadtree. Returns the image's columns and rows.
 fn map(
     tree: &Dataset,
     style: Option<&Style>,
@@ -138,11 +139,11 @@ fn map(
     Ok(size)
 }
 
-/// Opacity from which on a pixel is seen.
+/// Minimum opacity of visible pixels.
 const SEEN: u8 = 128;
 
 impl Picture {
-    /// Pixels of two rows, one above the other.
+    /// Returns pairs of pixels, one above the other, for each row of letters.
     fn lines(&self) -> impl Iterator<Item = Vec<[Option<[u8; 3]>; 2]>> {
         let seen = |[red, green, blue, alpha]: [u8; 4]| (alpha >= SEEN).then_some([red, green, blue]);
         self.pixels.chunks(2 * self.columns).map(move |rows| {
@@ -151,7 +152,7 @@ impl Picture {
         })
     }
 
-    /// Text with a colour for each half of a letter.
+    /// Returns text with a colour for each half of a letter.
     fn colours(&self) -> String {
         let mut text = String::new();
         for line in self.lines() {
@@ -180,7 +181,7 @@ impl Picture {
         text
     }
 
-    /// Text whose letters are the denser the brighter what they stand for is.
+    /// Returns text whose letters are denser for brighter pixels.
     fn letters(&self) -> String {
         const LETTERS: &[u8] = b".:-=+*#%@";
         let light = |[red, green, blue]: [u8; 3]| {

@@ -1,4 +1,4 @@
-//! Signals: an end in good order, or none where whoever started the program wants them ignored.
+//! Signals: cancel the program cleanly. Signals that the parent process ignores have no effect.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -6,24 +6,24 @@ use std::sync::{Arc, LazyLock};
 
 use signal_hook::consts::{SIGINT, SIGTERM};
 
-/// Whether the user wants the program to stop. (A signal reaches the process, not a piece of work.)
+/// Whether the user has cancelled the program. (Signals reach the process, not a single operation.)
 static STOP: LazyLock<Arc<AtomicBool>> = LazyLock::new(Arc::default);
 
-/// Whether the user wants the program to stop.
+/// Whether the user has cancelled the program.
 pub(crate) fn stop_is_wanted() -> bool {
     STOP.load(Ordering::Relaxed)
 }
 
-/// Makes the first interruption, termination or end of the session a wish to stop, and a second one the end of
-/// the program at once. Neither leaves unfinished files behind.
+/// Handles interrupt, termination and hangup signals: the first one cancels the work, the second
+/// one ends the program at once. Neither leaves unfinished files.
 ///
-/// To be called before anything is created that an interrupted program would leave behind.
+/// Call this before creating anything that an aborted program would leave.
 pub(crate) fn stop_in_good_order() -> io::Result<()> {
     static STARTED: AtomicBool = AtomicBool::new(false);
     if STARTED.swap(true, Ordering::Relaxed) { Ok(()) } else { heed_signals() }
 }
 
-/// Where there are two signals of this kind, all of them are wishes.
+/// Systems without SIGHUP: every signal only sets the flag.
 #[cfg(not(unix))]
 fn heed_signals() -> io::Result<()> {
     [SIGINT, SIGTERM]
@@ -34,7 +34,7 @@ fn heed_signals() -> io::Result<()> {
 #[cfg(unix)]
 fn heed_signals() -> io::Result<()> {
     use signal_hook::consts::{SIGHUP, SIGXFSZ};
-    // Each by itself: a program in the background of a shell has INT ignored, and under `nohup` HUP.
+    // Check each signal on its own: shells ignore INT for background programs, `nohup` ignores HUP.
     let ignored = ignored_signals();
     let heeded = [SIGINT, SIGTERM, SIGHUP].into_iter().filter(|signal| ignored >> (signal - 1) & 1 == 0);
     let mut signals = signal_hook::iterator::Signals::new(heeded)?;
@@ -46,47 +46,48 @@ fn heed_signals() -> io::Result<()> {
             }
         }
     });
-    // A handler, whatever it does, makes writing beyond the largest size of files an error like a full disk; by
-    // default the program would end there and then.
+    // With any handler, a write beyond the file size limit fails with an error, as on a full disk.
+    // The default action of SIGXFSZ ends the program.
     signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)))?;
     Ok(())
 }
 
-/// Signals that whoever started the program wants ignored, bit by bit from signal 1 on.
+/// Returns the signals that the parent process ignores, as bits, from signal 1 on.
 #[cfg(unix)]
 fn ignored_signals() -> u64 {
-    // (Elsewhere than on Linux there is no such file, and nothing counts as ignored.)
+    // (Only Linux has this file. On other systems no signal counts as ignored.)
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
 }
 
-/// Last words where a mapped page is not there any more.
+/// Error message for a page of a mapping that cannot be read.
 #[cfg(unix)]
 const LOST_PAGE: &[u8] =
     b"spinney: a file was cut short, or its disk failed, while it was read; --positioned reads such files \
 without mapping them\n";
 
-/// Ends the program where a page is not there.
+/// Prints the message and ends the program.
 #[cfg(unix)]
 extern "C" fn page_is_lost(_: libc::c_int) {
     let _ = rustix::io::write(rustix::stdio::stderr(), LOST_PAGE);
-    // SAFETY: may be called anywhere, and does not return.
+    // SAFETY: `_exit` is async-signal-safe, and does not return.
     #[allow(unsafe_code)]
     unsafe {
         libc::_exit(1)
     }
 }
 
-/// Makes a page of a mapped file that is not there any more (SIGBUS) a message and an exit code, instead of a
-/// crash.
+/// Handles lost pages of a mapped file (SIGBUS): prints an error and exits instead of crashing.
 ///
-/// The standard library has a handler, too, and whoever is called beside it is called once only, after which the
-/// signal is deadly to other threads: this one takes its place.
+/// The standard library's handler restores the default action unless the signal is a stack
+/// overflow. A handler chained to it would thus run only once, and the signal would then be fatal
+/// to other threads. So this handler replaces it.
 pub(crate) fn tell_lost_pages() {
     #[cfg(unix)]
-    // SAFETY: the handler runs where a page of a mapped file was read, amid anything; it makes two system calls
-    // that may be made there, and never returns. All that is not set of the action is zero, which means nothing.
+    // SAFETY: the handler may run at any read of a mapped file. It makes two async-signal-safe
+    // system calls, and never returns. Zero is valid for all other fields of the action, and means
+    // no flag and no signal mask.
     #[allow(unsafe_code)]
     unsafe {
         let mut action: libc::sigaction = std::mem::zeroed();

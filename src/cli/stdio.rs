@@ -1,22 +1,23 @@
-//! Standard output that is closed: what is written to it must not vanish without a word.
+//! Closed standard output: a write to it must fail, not be lost silently.
 //!
-//! The standard library opens `/dev/null` in the place of a closed standard stream before `main`, and ignores errors
-//! that say that one is closed. So the program looks before that, and puts something there whose errors count.
+//! The standard library opens `/dev/null` for a closed standard stream before `main`, and ignores
+//! errors of closed streams. So the program checks before that, and opens a device that reports
+//! errors.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static WAS_CLOSED: AtomicBool = AtomicBool::new(false);
 
-/// Looks whether standard output is open.
+/// Checks whether standard output is open.
 #[cfg(target_os = "linux")]
 extern "C" fn look() {
     let is_closed = rustix::io::fcntl_getfd(rustix::stdio::stdout()).is_err();
     WAS_CLOSED.store(is_closed, Ordering::Relaxed);
 }
 
-/// The function that the system calls before the standard library is at work.
-// SAFETY: what stands in this section must be a function that needs nothing of the standard library that is set up
-// later; this one makes one system call and sets a number.
+/// A function that the system calls before the standard library is initialized.
+// SAFETY: this section must have a function that needs no later initialization of the standard
+// library. This one makes one system call and sets a flag.
 #[cfg(target_os = "linux")]
 #[allow(unsafe_code)]
 #[used]
@@ -28,7 +29,7 @@ pub(crate) fn stdout_was_closed() -> bool {
     WAS_CLOSED.load(Ordering::Relaxed)
 }
 
-/// Makes writing to a standard output that was closed an error.
+/// Makes writes to a closed standard output fail.
 pub(crate) fn refuse_closed_stdout() {
     #[cfg(target_os = "linux")]
     if stdout_was_closed()

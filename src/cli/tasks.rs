@@ -1,10 +1,10 @@
-//! The list of subcommands by what they are for.
+//! The list of subcommands by task.
 
 use clap::{Command, CommandFactory as _};
 
 use super::Cli;
 
-/// Tasks and their subcommands: each stands once.
+/// Tasks and their subcommands. Each subcommand is listed once.
 const TASKS: [(&str, &[&str]); 6] = [
     ("Look at a file", &["show", "info", "get", "render", "legend", "dump"]),
     (
@@ -17,7 +17,7 @@ const TASKS: [(&str, &[&str]); 6] = [
     ("Other", &["serve", "completions", "help"]),
 ];
 
-/// The program's arguments, with the list of its subcommands by tasks.
+/// Returns the program's arguments, with the list of its subcommands by task.
 pub(super) fn program() -> Command {
     let mut command = Cli::command();
     command.build();
@@ -33,7 +33,7 @@ pub(super) fn program() -> Command {
         }
         list += "\n";
     }
-    // (Braces would be places for clap to fill.)
+    // (clap would treat braces as placeholders.)
     let list = list.replace(['{', '}'], "");
     Cli::command().help_template(format!(
         "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{list}Options:\n{{options}}{{after-help}}"

@@ -1,4 +1,4 @@
-//! `spinney transform`: a part of a tree, moved, scaled or turned.
+//! `spinney transform`: a region of a tree, moved, scaled or rotated.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -13,22 +13,26 @@ use super::args::{Memory, OutputLimit, Packing, UNITS, check_output, parse_step}
 use super::report::{Work, report_output};
 use super::{Global, exact, features, points};
 
-/// Make a tree of a part of another, moved, scaled, mirrored or turned, or of what is calculated with others.
+/// Make a tree of a region of another, moved, scaled, mirrored or rotated, or of calculations with
+/// other trees.
 ///
-/// Steps are done in the order given; a chain of any length looks every cell up once, in the file as it is on
-/// disk, and memory does not grow with the picture (pages of the mapped file come and go). What lies in the
-/// file as it will lie in the result is copied as it is. Without steps the result is a condensed copy.
+/// Operations are applied in the given order; a chain of any length looks up each cell once, in the
+/// file on disk, and memory does not grow with the raster (the system loads and evicts pages of the
+/// mapped file). Subtrees that the result has unchanged are copied. Without operations the result
+/// is a condensed copy.
 ///
-/// New cells that are no old ones get their value by the file's rule: the mean, or the class with the largest
-/// area, of what they cover; where axes do not stay axes, the value at their centre.
+/// New cells that do not coincide with old ones get their value by the file's rule: the mean, or
+/// the class with the largest area, of the cells they cover; if axes are not mapped to axes, the
+/// value at their centre.
 ///
-/// Exact models are moved in the world: whole steps of the grid, quarter turns, mirrors, exchanged axes and one factor for
-/// all axes exactly, others with their corners moved to the nearest points of a grid.
+/// Exact models are moved in the world: integer translations on the grid, quarter turns, mirrors,
+/// exchanged axes and one factor for all axes exactly, others with their vertices moved to the
+/// nearest points of a grid.
 ///
-/// Files of features are brought to another coordinate system, with their attributes, heights and ids.
+/// Feature files are reprojected, with their attributes, heights and ids.
 ///
-/// The picture stays where it is in the world, however its cells are arranged; with --move it moves with its
-/// cells.
+/// The raster keeps its world coordinates, however its cells are arranged; with --move it moves
+/// with its cells.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -37,11 +41,11 @@ pub(crate) struct Args {
     /// File to write, of features in the format of its name; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Width of the steps of a new grid for exact models, to which all corners are moved
-    /// [default: the model's grid, on which nothing is rounded that need not be]
+    /// Width of the grid units of a new grid for exact models, to which all vertices are moved
+    /// [default: the model's grid, with as little rounding as possible]
     #[arg(long, value_name = "WIDTH")]
     snap: Option<f64>,
-    /// Unit of the model's coordinates, of exact models [default: what the file says]
+    /// Unit of the model's coordinates, of exact models [default: the file's]
     #[arg(long, value_parser = UNITS)]
     unit: Option<String>,
     #[command(flatten)]
@@ -52,29 +56,30 @@ pub(crate) struct Args {
     limit: OutputLimit,
 }
 
-/// A file, and what is done to it.
+/// A file, and the operations on it.
 #[derive(clap::Args)]
 pub(crate) struct ChainArgs {
-    /// Tree file, exact model, or file of features
+    /// Tree file, exact model, or feature file
     file: PathBuf,
-    /// Steps, in order, as `spinney transform --help` tells them
+    /// Operations, in order; see the list in `spinney transform --help`
     #[arg(value_name = "STEP", value_parser = parse_any_step, allow_hyphen_values = false)]
     steps: Vec<AnyStep>,
-    /// Resampling of cells that are no old ones: nearest, or for like=, warp= and grid= bilinear, cubic, area or majority, too
-    /// [default: the file's rule; with warp=, grid= and, from another coordinate system, like= nearest class or bilinear amounts, and
-    /// majority or area where new cells are more than 1.5 times as large]
+    /// Resampling of cells that do not coincide with old ones: nearest, or for like=, warp= and
+    /// grid= bilinear, cubic, area or majority, too [default: the file's rule; with warp=, grid=
+    /// and, from another coordinate system, like= nearest for classes, bilinear for continuous
+    /// values, and majority or area where new cells are more than 1.5 times as large]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
+    /// Treat datums whose shift to WGS 84 is unknown or needs a grid as WGS 84
     #[arg(long)]
     allow_ballpark: bool,
-    /// Move the picture in the world as its cells are moved
+    /// Move the raster in the world as its cells are moved
     #[arg(long = "move")]
     moves: bool,
 }
 
 impl ChainArgs {
-    /// The steps of trees of cells, and what becomes of trees of points.
+    /// Returns the operations on trees of cells, and the rasterizations of trees of points.
     fn steps(&self) -> (Vec<ViewStep>, Vec<&PointRaster>) {
         let (mut cells, mut rasters) = (Vec::new(), Vec::new());
         for step in &self.steps {
@@ -86,7 +91,7 @@ impl ChainArgs {
         (cells, rasters)
     }
 
-    /// The chain of steps on a tree of cells.
+    /// Returns the view of a tree of cells.
     pub(crate) fn chain(&self, global: &Global) -> Result<FileView> {
         let (steps, rasters) = self.steps();
         if !rasters.is_empty() {
@@ -104,7 +109,7 @@ impl ChainArgs {
     }
 }
 
-/// A step of trees of cells and exact models, or what becomes of trees of points.
+/// An operation on trees of cells and exact models, or a rasterization of a tree of points.
 #[derive(Clone, Debug)]
 enum AnyStep {
     Cells(ViewStep),
@@ -243,7 +248,8 @@ pub(crate) fn run(args: Args, global: &Global) -> Result<()> {
         let more = if depth > 1 { format!(" x {depth}") } else { String::new() };
         global.report("size", format_args!("{width} x {height}{more} cells, depth {levels}"));
     };
-    // (On the grid of another coordinate system there may be many more cells than before, which people learn before they wait.)
+    // (A grid of another coordinate system may have many more cells. Users learn this before they
+    // wait.)
     let is_warped = steps.iter().any(|step| matches!(step, ViewStep::Warp(_)));
     if is_warped {
         let view = cells.open()?;

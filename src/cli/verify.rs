@@ -1,4 +1,4 @@
-//! `spinney verify`: every checksum and every rule of the tree.
+//! `spinney verify`: checks every checksum and every invariant of a file.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -26,15 +26,17 @@ const EXAMPLES: &str = "Examples:
 A line of the answer has a file and `good`, or the place and kind of a damage. All files are
 checked, also after one that cannot be read; the exit code is 1 if any was not good.";
 
-/// Check every checksum and every rule of the tree
+/// Check every checksum and every invariant of the tree
 ///
-/// Of exact models also that the faces are planar and bound a body, and that each node of the octree is what they make it.
+/// Of exact models also that the faces are planar and bound a body, and that each node of the
+/// octree matches them.
 ///
-/// Of tiles that `export` wrote (.pmtiles, .mbtiles, folders): that all are there, in order, with the bytes that were written.
+/// Of tiles that `export` wrote (.pmtiles, .mbtiles, directories): that all exist, in order, with
+/// the bytes that were written.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Tree files, archives and folders of tiles
+    /// Tree files, archives and directories of tiles
     #[arg(required = true)]
     files: Vec<PathBuf>,
     /// Check the trees of the newest commits only, or of those that are named (FILE@N)
@@ -42,7 +44,7 @@ pub(crate) struct Args {
     quick: bool,
 }
 
-/// All that is wrong with a file.
+/// Returns all findings in a file.
 fn verify(file: &Path, is_quick: bool, global: &Global, work: &Work) -> spinney::Result<Vec<Finding>> {
     let access = global.access();
     if is_tile_archive(file) {
@@ -69,7 +71,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<ExitCode> {
             Ok(findings) => findings,
             Err(Error::Interrupted) => return Err(Error::Interrupted.into()),
             Err(error) => {
-                // The other files are still to be checked.
+                // Continue with the other files.
                 complain(&error.into());
                 good = false;
                 continue;

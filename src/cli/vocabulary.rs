@@ -1,4 +1,5 @@
-//! One table of names: what an option means is the same wherever it is, and the documents tell it.
+//! One table of names: an option has the same meaning in all commands, and the documentation lists
+//! it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -8,10 +9,11 @@ use clap::{Arg, Command, CommandFactory};
 /// The page with the table.
 const PAGE: &str = include_str!("../../docs/options.md");
 
-/// Table of the effect of each option of each command, which a test of the program checks (`tests/program/cli_options.rs`).
+/// Table of the effect of each option of each command, which a test of the program checks
+/// (`tests/program/cli_options.rs`).
 const EFFECTS: &str = include_str!("../../tests/program/option_effects.txt");
 
-/// All commands, those within others by both names.
+/// Returns all commands. Nested commands have both names.
 fn commands() -> Vec<(String, Command)> {
     let mut program = super::Cli::command();
     program.build();
@@ -33,7 +35,7 @@ fn options(command: &Command) -> impl Iterator<Item = &Arg> {
         .filter(|arg| arg.get_long().is_some_and(|name| !["help", "version"].contains(&name)))
 }
 
-/// Cells of the rows of the page's tables that begin with a kind of name.
+/// Returns the cells of the page's table rows that begin with `begin`.
 fn rows(begin: &str) -> Vec<Vec<&'static str>> {
     let rows = PAGE.lines().filter(|line| line.starts_with(begin));
     rows.map(|row| row.trim_matches('|').split(" | ").map(|cell| cell.trim().trim_matches('`')).collect())
@@ -82,7 +84,7 @@ fn every_command_is_told() {
     assert_eq!(told, all);
 }
 
-/// Command and option of each line that says what an option does.
+/// Returns command and option of each line with an option's effect.
 fn effects() -> BTreeSet<(String, String)> {
     let lines = EFFECTS.lines().filter(|line| line.contains("[--"));
     lines
@@ -107,11 +109,11 @@ fn every_option_has_an_effect() {
     for (command, arguments) in commands() {
         for option in options(&arguments) {
             let name = format!("--{}", option.get_long().unwrap());
-            // (An option of all commands has its effect by one of them.)
+            // (An option of all commands needs a line for one of them.)
             let is_global = option.is_global_set();
             let has_effect =
                 effects.iter().any(|(of, named)| *named == name && (is_global || *of == command));
-            // (Those with commands of their own have no others.)
+            // (Commands with subcommands have only the global options.)
             if !has_effect && !arguments.has_subcommands() {
                 writeln!(wrong, "{name} of {command}").unwrap();
             }

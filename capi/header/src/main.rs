@@ -1,4 +1,5 @@
-//! Writes `include/spinney.h`: `cargo run --manifest-path capi/header/Cargo.toml > capi/include/spinney.h`.
+//! Writes `include/spinney.h`: `cargo run --manifest-path capi/header/Cargo.toml >
+//! capi/include/spinney.h`.
 
 use std::io;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Layers of a file, as a C program opens them.
+//! Layers of a file, opened as from a C program.
 
 use std::ffi::{CStr, CString};
 use std::ptr::{null, null_mut};
@@ -23,7 +23,7 @@ fn open_layer(
     }
 }
 
-/// All cells of a dataset, some beyond its border, and which of them have a value.
+/// Returns all cells of a dataset and some beyond its border, and whether each has a value.
 fn all_cells(dataset: *const spinney_dataset) -> (Vec<u8>, Vec<u8>) {
     let info = describe(dataset);
     let part = cells([0; 3], [info.size[0] + 3, info.size[1] + 2, 1]);
@@ -66,7 +66,7 @@ fn layers_are_those_of_the_library() {
                     library.layer(told).unwrap().metadata().time.as_deref()
                 );
             }
-            // On the first one's cells: its own are repeated.
+            // Resampled to the first layer's cells: larger cells are repeated.
             let aligned = open_layer(first, told, SPINNEY_ALIGNED).unwrap();
             assert_eq!((describe(aligned).depth, describe(aligned).size), (depth, describe(first).size));
             let shift = depth - describe(by_name).depth;
@@ -82,7 +82,8 @@ fn layers_are_those_of_the_library() {
             opened.extend([by_path, by_name, by_number, aligned]);
         }
         assert!(opened.iter().any(|layer| describe(*layer).sample == spinney_sample_type::SPINNEY_U64));
-        // The first is closed before all others, which share its file; a layer leads to the others, too.
+        // The first layer is closed before the others, which share its file. Any layer opens the
+        // others.
         unsafe { spinney_close(first) };
         let other = open_layer(opened[2], "height", 0).unwrap();
         assert!(all_cells(other) == all_cells(opened[5]));
@@ -114,7 +115,7 @@ fn layers_that_are_not_there_are_told() {
         assert!(spinney_layer_name(dataset, usize::MAX).is_null() && spinney_layer_name(null(), 0).is_null());
     }
     assert!(place.is_null());
-    // A file of one tree, and views, have one layer.
+    // A file of one tree, and a view, have one layer.
     let view = open_with(&format!("{path}:height"), &["crop"], 0).unwrap();
     for (dataset, name) in [(alone, ""), (view, "height")] {
         let mut count = 0;
@@ -145,7 +146,7 @@ fn layers_move_on_each_for_itself() {
     let mut newer = false;
     assert_eq!(unsafe { spinney_refresh(layer, &mut newer) }, SPINNEY_OK);
     assert!(newer && describe(layer).commit == before.0 + 1 && all_cells(layer) != before.1);
-    // Layers are of the commit of the dataset that they are opened from.
+    // A layer has the commit of the dataset that it is opened from.
     let old = open_layer(first, "height", 0).unwrap();
     assert!((describe(old).commit, all_cells(old)) == before);
     [first, layer, old].into_iter().for_each(|dataset| unsafe { spinney_close(dataset) });

@@ -1,4 +1,4 @@
-//! Options of everything that makes a commit.
+//! Options of all subcommands that make a commit.
 
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -11,18 +11,18 @@ use super::Memory;
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Commit")]
 pub(crate) struct CommitOptions {
-    /// Message: what was done, and why [default: the change in a few words]
+    /// Message: what was changed, and why [default: a short description of the change]
     #[arg(short, long, value_name = "TEXT")]
     message: Option<String>,
-    /// Name of who did it
+    /// Author of the commit
     #[arg(long, value_name = "NAME", env = "SPINNEY_AUTHOR", default_value = "")]
     author: String,
-    /// Time of the commit, in seconds since the beginning of 1970 [default: now]
+    /// Time of the commit, in seconds since 1970-01-01 00:00 UTC [default: now]
     #[arg(long, value_name = "SECONDS", env = "SOURCE_DATE_EPOCH", allow_negative_numbers = true)]
     time: Option<i64>,
 }
 
-/// A commit's note, and the memory that making it may use.
+/// A commit's note, and the memory limit of the edit.
 #[derive(clap::Args, Clone, Debug)]
 pub(crate) struct EditOptions {
     #[command(flatten)]
@@ -32,7 +32,7 @@ pub(crate) struct EditOptions {
 }
 
 impl CommitOptions {
-    /// The commit's note; the message is used if none was given.
+    /// Returns the commit's note; `message` is used if no `--message` was given.
     pub(crate) fn note(&self, message: String) -> Note {
         let now = || SystemTime::now().duration_since(UNIX_EPOCH).ok().map(|time| time.as_secs() as i64);
         Note {

@@ -1,4 +1,4 @@
-//! The option for the coordinates in which places are given.
+//! The option for the coordinate system of arguments.
 
 use anyhow::Result;
 use clap::Args;
@@ -7,11 +7,12 @@ use spinney::{CellLocator, Coordinates, Dataset};
 use super::super::report::warn;
 use super::parse_crs;
 
-/// Coordinates in which places are given.
+/// Coordinate system in which positions are given.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct CoordinatesOption {
-    /// Coordinates in which places are given: cells (of the deepest level), world (the tree's own system), lonlat (longitude and
-    /// latitude in degrees, WGS 84), EPSG:NUMBER or another system as WKT, PROJJSON, '+proj=...' or @FILE
+    /// Coordinates in which positions are given: cells (of the deepest level), world (the tree's
+    /// own system), lonlat (longitude and latitude in degrees, WGS 84), EPSG:NUMBER or another
+    /// system as WKT, PROJJSON, '+proj=...' or @FILE
     #[arg(long = "in", value_name = "COORDINATES", value_parser = parse_coordinates)]
     given: Option<Coordinates>,
 }
@@ -26,17 +27,18 @@ fn parse_coordinates(text: &str) -> Result<Coordinates, String> {
 }
 
 impl CoordinatesOption {
-    /// The coordinates that were given.
+    /// Returns the coordinates of the command line.
     pub(crate) fn given(&self) -> Option<&Coordinates> {
         self.given.as_ref()
     }
 
-    /// Whether places are cells, where these are what is usual.
+    /// Whether positions are cells, in a command whose default is cells.
     pub(crate) fn are_cells(&self) -> bool {
         matches!(self.given, None | Some(Coordinates::Cells))
     }
 
-    /// The way from these coordinates to cells, from others if none were given; remarks on how well it is known are printed.
+    /// Returns the conversion from these coordinates (`usual` if none were given) to cells. Prints
+    /// remarks on its accuracy as warnings.
     pub(crate) fn places(&self, tree: &Dataset, usual: Coordinates) -> Result<CellLocator> {
         let coordinates = self.given.as_ref().unwrap_or(&usual);
         let places = CellLocator::new(coordinates, &tree.metadata().frame, tree.header().extent)?;

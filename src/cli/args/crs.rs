@@ -1,13 +1,14 @@
-//! Coordinate systems as arguments.
+//! Coordinate reference systems as arguments.
 
 use std::path::Path;
 
 use spinney::Crs;
 
-/// Bytes of a file that are read; definitions are shorter.
+/// Maximum number of bytes that are read from a file. Definitions are shorter.
 const MOST: u64 = 2 << 20;
 
-/// Reads a definition, or the file that has it: after `@`, or by a path that nothing else could be meant by.
+/// Reads a definition, or the file that has it: after `@`, or the path of an existing file if the
+/// text is not a definition.
 pub(crate) fn parse_crs(text: &str) -> Result<Crs, String> {
     let parse = |text: &str| {
         let parsed = Crs::parse(text).and_then(|crs| crs.check_registered().map(|()| crs));

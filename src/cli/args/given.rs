@@ -1,22 +1,22 @@
-//! The options that were given, and whether the command takes them for its input.
+//! The options on the command line, and whether the command accepts them for its input.
 
 use anyhow::{Result, bail};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Command};
 
-/// Long names of the options of a subcommand that were given on the command line, but for those that it requires. (Those of all
-/// subcommands are for everything, and what the environment says is left aside where it has no meaning.)
-//
-// A kind of file lists the options that it takes, and not those that it does not: an option that is new, or was forgotten, is refused until
-// its effect is written down.
+/// Long names of the subcommand's options on the command line, except required ones. Global options
+/// and values from the environment are not included: the latter are ignored where they have no
+/// meaning.
+// Each kind of file lists the options that it accepts, not those that it rejects. A new or
+// forgotten option is thus refused until its effect is written down.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct GivenOptions(Vec<String>);
 
-/// Options that limit what a command takes, which hold where it takes less.
+/// Resource limits. They are accepted also where the work cannot reach them.
 const LIMITS: [&str; 2] = ["--memory", "--max-bytes"];
 
 impl GivenOptions {
-    /// The options that were given to a program.
+    /// Collects the options of a command, or of its subcommand.
     pub(super) fn of(command: &Command, matches: &ArgMatches) -> GivenOptions {
         if let Some((name, inner)) = matches.subcommand()
             && let Some(command) = command.find_subcommand(name)
@@ -36,13 +36,14 @@ impl GivenOptions {
         self.0.iter().any(|given| given == name)
     }
 
-    /// An option that was given and is none of those that fit.
+    /// Returns the first given option that is not in `fitting`.
     pub(crate) fn other(&self, fitting: &[&str]) -> Option<&str> {
         let is_other = |name: &&str| !fitting.contains(name) && !LIMITS.contains(name);
         self.0.iter().map(String::as_str).find(is_other)
     }
 
-    /// Fails if an option was given that means nothing for the output or the query.
+    /// Fails if a given option has no meaning for the output or the query. `what` names it in the
+    /// message.
     pub(crate) fn check(&self, what: &str, fitting: &[&str]) -> Result<()> {
         match self.other(fitting) {
             Some(option) => bail!("{option}: means nothing for {what}"),

@@ -15,23 +15,24 @@ pub(crate) struct Global {
     /// Print errors only
     #[arg(short, long, global = true)]
     pub(crate) quiet: bool,
-    /// Threads to work with [default: one per core]
+    /// Number of threads [default: one per core]
     #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
     threads: Option<u16>,
-    /// Read files by positioned reads instead of mapping them: for network folders, and files that others may
-    /// cut short
+    /// Read files by positioned reads instead of mapping them: for network drives, and files that
+    /// other programs may truncate
     #[arg(long, global = true)]
     positioned: bool,
-    /// Keep what is read of files elsewhere (https://, s3://, gs://, az://) in a folder, for the next time
+    /// Cache remote reads (https://, s3://, gs://, az://) in this directory
     #[arg(long, global = true, value_name = "FOLDER")]
     cache: Option<std::path::PathBuf>,
-    /// Bytes of packed segments, unpacked, that are kept in memory for the next use [default: 64M]
+    /// Maximum bytes of unpacked segments to cache in memory [default: 64M]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     cache_memory: Option<u64>,
-    /// Bytes between two parts of a file elsewhere up to which these are fetched with one request [default: 32K]
+    /// Merge remote reads that are at most this many bytes apart into one request [default: 32K]
     #[arg(long, global = true, value_name = "BYTES", value_parser = super::memory::parse_bytes)]
     request_gap: Option<u64>,
-    /// Seconds that a request for a remote file may take, its repetitions included; one try may take half of them
+    /// Seconds that a request for a remote file may take, including retries; one attempt may take
+    /// half of them
     #[arg(
         long,
         global = true,
@@ -41,49 +42,51 @@ pub(crate) struct Global {
     )]
     #[arg(value_parser = super::parse_seconds)]
     remote_timeout: f64,
-    /// File of whole URLs, one a line, with the queries (signatures, tokens) and passwords that manifests and plans of jobs do not store
+    /// File of complete URLs, one a line, with the queries (signatures, tokens) and passwords that
+    /// manifests and job plans do not store
     #[arg(long, global = true, value_name = "FILE", env = "SPINNEY_SIGNED_URLS")]
     signed_urls: Option<std::path::PathBuf>,
-    /// Refuse remote files, whatever names them: for input of unknown origin
+    /// Refuse remote files, including those that other files refer to: for input of unknown origin
     #[arg(long, global = true)]
     no_remote: bool,
-    /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of unknown origin
+    /// Refuse VRT, NRRD and views files and manifests whose data are in other files: for input of
+    /// unknown origin
     #[arg(long, global = true)]
     no_external: bool,
-    /// Report how files were read: requests for remote files and their bytes, files that were mapped or read at positions, unpacked bytes
-    /// that are kept, and threads
+    /// Report how files were read: requests for remote files and their bytes, files that were
+    /// mapped or read at positions, unpacked bytes in the cache, and threads
     #[arg(short, long, global = true)]
     verbose: bool,
-    /// How files are opened and created, once the program has [started](Global::start).
+    /// Access to files, once the program has [started](Global::start).
     #[arg(skip)]
     access: FileAccess,
-    /// Options of the subcommand that were given on the command line.
+    /// Options of the subcommand on the command line.
     #[arg(skip)]
     given: GivenOptions,
 }
 
-/// The lines of a text file that are not empty.
+/// Returns the nonempty lines of a text file.
 #[cfg(feature = "remote")]
 fn lines_of(path: &std::path::Path) -> spinney::Result<Vec<String>> {
     let text = std::fs::read_to_string(path).map_err(spinney::Error::io(path, "read the URLs of"))?;
     Ok(text.lines().map(|line| line.trim().to_string()).filter(|line| !line.is_empty()).collect())
 }
 
-/// Threads that are started at most, whatever is asked for: more only take memory.
+/// Maximum number of threads, whatever `--threads` says: more only use memory.
 const MAX_THREADS: u16 = 256;
 
 impl Global {
-    /// Remembers which options of the subcommand were given.
+    /// Records which options of the subcommand are on the command line.
     pub(crate) fn remember(&mut self, program: &clap::Command, matches: &clap::ArgMatches) {
         self.given = GivenOptions::of(program, matches);
     }
 
-    /// The options of the subcommand that were given.
+    /// Returns the subcommand's options on the command line.
     pub(crate) fn given(&self) -> &GivenOptions {
         &self.given
     }
 
-    /// Fails if an option was given that means nothing for a file, which is `what`.
+    /// Fails if a given option has no meaning for a file of the kind `what`.
     pub(crate) fn check_options(&self, file: &Path, what: &str, fitting: &[&str]) -> anyhow::Result<()> {
         match self.given.other(fitting) {
             Some(option) => bail!("{}: is {what}, for which {option} means nothing", file.display()),
@@ -91,11 +94,10 @@ impl Global {
         }
     }
 
-    /// Makes the pool of threads that everything runs on as large as was asked for, and files be read as was asked
-    /// for.
+    /// Sets the size of the thread pool, and how files are read, from the options.
     ///
     /// # Errors
-    /// If the folder for what is kept of files elsewhere cannot be used.
+    /// If the cache directory or the list of signed URLs cannot be used.
     pub(crate) fn start(&mut self) -> spinney::Result<()> {
         let mut access = FileAccess::new();
         if self.positioned {
@@ -131,7 +133,7 @@ impl Global {
         Ok(())
     }
 
-    /// How files are opened and created.
+    /// Returns the access to files.
     pub(crate) fn access(&self) -> &FileAccess {
         &self.access
     }

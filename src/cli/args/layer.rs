@@ -8,23 +8,23 @@ use spinney::raw::store::FileReference;
 
 use super::Global;
 
-/// A layer of a file that has several, or some of them.
+/// One or several layers of a file.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct LayerOption {
-    /// Layer of a file that has several, by its name or its number from 0; some with commas between, of which pictures have two to four
-    /// as colours (B04,B03,B02: red, green, blue). FILE:LAYER names one as well, wherever a file is named [default: all, where that
-    /// can be]
+    /// Layer of a file that has several, by its name or its number from 0; comma-separated layers
+    /// become the colours of an image, two to four (B04,B03,B02: red, green, blue). FILE:LAYER
+    /// names one as well, wherever a file is named [default: all, where possible]
     #[arg(long = "layer", value_name = "LAYER,...")]
     names: Option<String>,
 }
 
 impl LayerOption {
-    /// The layers of a file that are meant, as paths; all of them if none is named.
+    /// Returns the paths of the chosen layers; of all layers if none is named.
     pub(crate) fn paths(&self, file: &Path, global: &Global) -> spinney::Result<Vec<PathBuf>> {
         let all = layer_paths(file, global.access())?;
         let Some(names) = &self.names else { return Ok(all) };
         let place = FileReference::of(file);
-        // (A name may have commas.)
+        // (A layer's name may contain commas.)
         let is_name = all.iter().any(|path| FileReference::of(path).layer.as_ref() == Some(names));
         let named = |name: &str| place.of_layer(name);
         Ok(if is_name {
@@ -34,7 +34,7 @@ impl LayerOption {
         })
     }
 
-    /// The only layer that is meant, as a path.
+    /// Returns the path of the only chosen layer.
     pub(crate) fn path(&self, file: &Path, global: &Global) -> spinney::Result<PathBuf> {
         match &self.paths(file, global)?[..] {
             [path] => Ok(path.clone()),
@@ -50,7 +50,7 @@ impl LayerOption {
         }
     }
 
-    /// The layers that are named, as they were given.
+    /// Returns the argument of `--layer`, unparsed.
     pub(crate) fn text(&self) -> Option<&str> {
         self.names.as_deref()
     }

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-/// Bytes of a list, at most.
+/// Maximum size of a list, in bytes.
 const MOST: u64 = 64 << 20;
 
-/// The inputs, with the paths in a file in place of each `@file`: one a line, relative to the file's folder; lines that begin with #
-/// are comments.
+/// Replaces each `@file` by the paths in that file: one a line, relative to the file's directory.
+/// Lines that begin with # are comments.
 pub(crate) fn expand_lists(inputs: Vec<PathBuf>) -> Result<Vec<PathBuf>> {
     let mut expanded = Vec::with_capacity(inputs.len());
     for input in inputs {

@@ -1,6 +1,7 @@
-//! Memory that work may use.
+//! The memory limit of an operation.
 
-/// Memory that work may use. (Only what grows with the data counts: the program itself needs some, too.)
+/// The memory limit of an operation. (Only memory that grows with the data counts: the program
+/// itself needs some, too.)
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct Memory {
     /// Memory to use, such as 256M or 2G
@@ -8,10 +9,10 @@ pub(crate) struct Memory {
     pub(crate) bytes: u64,
 }
 
-/// Bytes for work that takes no `--memory`.
+/// Memory limit, in bytes, of commands without `--memory`.
 pub(crate) const DEFAULT_MEMORY: u64 = 256 << 20;
 
-/// Reads a number of bytes: `256M`, `1G`, `1GiB`, `1000000`. Units are powers of 1024.
+/// Parses a number of bytes: `256M`, `1G`, `1GiB`, `1000000`. Units are powers of 1024.
 pub(crate) fn parse_bytes(text: &str) -> Result<u64, String> {
     let text = text.trim();
     let digits = text.len() - text.trim_start_matches(|c: char| c.is_ascii_digit() || c == '.').len();

@@ -1,4 +1,4 @@
-//! Options that several subcommands share, and how what people write is read.
+//! Options that several subcommands share, and the parsers of arguments.
 
 mod commit;
 mod coordinates;
@@ -50,18 +50,18 @@ pub(crate) use style::parse_style;
 pub(crate) use viewed::{ViewedTree, parse_step};
 pub(crate) use words::words;
 
-/// Reads a number, with or without blanks around it.
+/// Parses a number, with or without blanks around it.
 pub(crate) fn number<T: FromStr<Err: Display>>(text: &str) -> Result<T, String> {
     text.trim().parse().map_err(|error: T::Err| error.to_string())
 }
 
-/// Reads exactly `N` numbers with commas between them.
+/// Parses exactly `N` comma-separated numbers.
 pub(crate) fn numbers<T: FromStr, const N: usize>(text: &str) -> Option<[T; N]> {
     let numbers: Option<Vec<T>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     numbers?.try_into().ok()
 }
 
-/// The level that `--level` asks for; the deepest if it was not given.
+/// Returns the level of `--level`, or the deepest if it was not given.
 pub(crate) fn level_of(tree: &Dataset, asked: Option<u8>) -> Result<u8> {
     let depth = tree.depth();
     let level = asked.unwrap_or(depth);

@@ -3,28 +3,28 @@
 use spinney::CombineOperation;
 use spinney::raw::ops::Prefer;
 
-/// The name of an operation, as it was written.
+/// The name of an operation, as on the command line.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OperationName(pub(crate) String);
 
 impl OperationName {
-    /// Whether it is the one that makes no tree, but a table.
+    /// Whether the operation makes a table, not a tree.
     pub(crate) fn is_table(&self) -> bool {
         self.0 == "cross"
     }
 
-    /// Whether it is the one that is for polygons alone.
+    /// Whether the operation is for polygons only.
     pub(crate) fn is_partition(&self) -> bool {
         self.0 == "partition"
     }
 
-    /// The operation of that name; `None` if it makes no tree.
+    /// Returns the operation of that name; `None` if it makes no tree.
     pub(crate) fn operation(&self, prefer: Prefer) -> Option<CombineOperation> {
         CombineOperation::named(&self.0, prefer)
     }
 }
 
-/// Reads a name that means something.
+/// Parses the name of an operation.
 pub(crate) fn parse_operation(text: &str) -> Result<OperationName, String> {
     let name = OperationName(text.into());
     let is_known = name.is_table() || name.is_partition() || name.operation(Prefer::First).is_some();

@@ -1,4 +1,4 @@
-//! Outputs: that they are no inputs, the formats and sizes of pictures.
+//! Outputs: checks against the inputs, formats, and size limits.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use spinney::raw::store::{create_tree_file, file_of};
 use super::Global;
 use super::memory::parse_bytes;
 
-/// The file that is written: behind `-o`, or the last argument.
+/// The output file: the argument of `-o`, or the last argument.
 #[derive(clap::Args, Clone, Debug)]
 #[group(required = true, multiple = false)]
 pub(crate) struct OutputFile {
@@ -24,38 +24,38 @@ pub(crate) struct OutputFile {
 }
 
 impl OutputFile {
-    /// Its name.
+    /// Returns the output's path.
     pub(crate) fn path(&self) -> &Path {
         self.named.as_deref().or(self.last.as_deref()).unwrap_or(Path::new("-"))
     }
 }
 
-/// Bytes that an output may have.
+/// Maximum size of an output.
 #[derive(clap::Args, Clone, Copy, Debug)]
 pub(crate) struct OutputLimit {
-    /// Fail, and leave nothing behind, if the output would have more bytes, such as 500M or 20G [default: what is
-    /// free in its folder]
+    /// Fail, and leave no file, if the output would have more bytes, such as 500M or 20G [default:
+    /// the free space of its file system]
     #[arg(long, value_name = "BYTES", value_parser = parse_bytes)]
     max_bytes: Option<u64>,
 }
 
 impl OutputLimit {
-    /// Whether there is one.
+    /// Whether a limit was given.
     pub(crate) fn is_given(&self) -> bool {
         self.max_bytes.is_some()
     }
 
-    /// The number of them.
+    /// Returns the limit.
     pub(crate) fn bytes(&self) -> Option<u64> {
         self.max_bytes
     }
 
-    /// Starts a file.
+    /// Creates a file with this limit.
     pub(crate) fn create(&self, path: &Path, global: &Global) -> spinney::Result<Output> {
         global.access().create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
-    /// Starts a tree's file.
+    /// Creates a tree file with this limit.
     pub(crate) fn create_tree(&self, path: &Path, global: &Global) -> spinney::Result<Output> {
         create_tree_file(path, global.access()).map(|output| output.with_limit(self.max_bytes))
     }
@@ -64,7 +64,8 @@ impl OutputLimit {
 /// Formats of lines and polygons.
 pub(crate) const VECTOR_FORMATS: [&str; 8] = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply"];
 
-/// The format of lines and polygons that `--format` says, or else the output's name.
+/// Returns the format of lines and polygons by the argument of `--format`, or else by the output's
+/// name.
 pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<VectorFormat> {
     match named.map(str::parse).transpose()?.or_else(|| VectorFormat::of(output)) {
         Some(format) => Ok(format),
@@ -77,20 +78,20 @@ pub(crate) fn vector_format(named: Option<&str>, output: &Path) -> Result<Vector
 
 /// Fails if one of the inputs is the output.
 pub(crate) fn check_output<'a>(inputs: impl IntoIterator<Item = &'a Path>, output: &Path) -> Result<()> {
-    // (A commit of a file is the file.)
+    // (A commit of a file counts as the file.)
     match inputs.into_iter().find(|input| same_file(&file_of(input), output)) {
         Some(input) => bail!("{}: is an input and the output; choose another output", input.display()),
         None => Ok(()),
     }
 }
 
-/// Whether two names are names of one file.
+/// Whether two paths name the same file.
 pub(crate) fn same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// The format of a picture or array by what was asked for, or else by the output's name; `known` are those
-/// that a message offers where neither is one.
+/// Returns the format of an image or array by `asked`, or else by the output's name. `known` lists
+/// formats for the error message.
 pub(crate) fn picture_format(output: &Path, asked: Option<&str>, known: &str) -> Result<Format> {
     let name = asked.map(|format| Path::new("x").with_extension(format));
     let format = format_of(name.as_deref().unwrap_or(output));

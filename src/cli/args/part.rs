@@ -1,4 +1,4 @@
-//! Parts of trees as people give them: windows of cells, or boxes in other coordinates.
+//! Regions of trees as arguments: windows of cells, or boxes in other coordinates.
 
 use anyhow::{Result, bail, ensure};
 use clap::Args;
@@ -6,12 +6,12 @@ use spinney::{Bounds, Coordinates, Dataset};
 
 use super::{CoordinatesOption, numbers};
 
-/// A part of a picture or a solid; all of it if none is given.
+/// A region of a raster or a solid; all of it if none is given.
 #[derive(Args, Clone, Debug, Default)]
 pub(crate) struct PartOptions {
-    /// Part of the tree: first column, first row, columns and rows, of octrees also X,Y,Z and three lengths; with --in other than
-    /// cells least and then greatest coordinates (west, south, east, north), where west may be greater than east, across the
-    /// 180th meridian
+    /// Region of the tree: first column, first row, columns and rows, of octrees also X,Y,Z and
+    /// three lengths; with --in other than cells minimum and then maximum coordinates (west, south,
+    /// east, north), where west may exceed east, across the 180th meridian
     #[arg(long, value_name = "COL,ROW,W,H", value_parser = parse_window)]
     window: Option<Window>,
     #[command(flatten)]
@@ -21,13 +21,13 @@ pub(crate) struct PartOptions {
 /// Numbers of a window.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Window {
-    /// Along two axes; all along the third.
+    /// Along two axes; all of the third.
     Flat([f64; 4]),
     /// Along three axes.
     Solid([f64; 6]),
 }
 
-/// Reads four or six finite numbers with commas between them.
+/// Parses four or six comma-separated finite numbers.
 fn parse_window(text: &str) -> Result<Window, String> {
     let window = numbers(text).map(Window::Flat).or_else(|| numbers(text).map(Window::Solid));
     window
@@ -43,7 +43,7 @@ impl Window {
         }
     }
 
-    /// Least and greatest coordinates.
+    /// Returns minimum and maximum coordinates.
     fn corners(self) -> [[f64; 3]; 2] {
         match self {
             Window::Flat([a, b, c, d]) => [[a, b, f64::NEG_INFINITY], [c, d, f64::INFINITY]],
@@ -53,27 +53,28 @@ impl Window {
 }
 
 impl PartOptions {
-    /// Whether a part was given.
+    /// Whether a region was given.
     pub(crate) fn is_given(&self) -> bool {
         self.window.is_some()
     }
 
-    /// Whether a part was given along all three axes.
+    /// Whether a region was given along all three axes.
     pub(crate) fn is_solid(&self) -> bool {
         matches!(self.window, Some(Window::Solid(_)))
     }
 
-    /// Least and greatest coordinates of the part, as they were given.
+    /// Returns the region's minimum and maximum coordinates, as given.
     pub(crate) fn corners(&self) -> Option<[[f64; 3]; 2]> {
         self.window.map(Window::corners)
     }
 
-    /// The coordinates that were given.
+    /// Returns the option for coordinates.
     pub(crate) fn coordinates(&self) -> &CoordinatesOption {
         &self.coordinates
     }
 
-    /// West, south, east and north of a part that is given in degrees. (The cells around it would reach farther.)
+    /// Returns west, south, east and north of a region in degrees. (The box of its cells would be
+    /// larger.)
     pub(crate) fn degrees(&self) -> Option<[f64; 4]> {
         match (self.window, self.coordinates.given()) {
             (Some(Window::Flat(numbers)), Some(coordinates)) if *coordinates == Coordinates::LONLAT => {
@@ -83,10 +84,10 @@ impl PartOptions {
         }
     }
 
-    /// The cells of the deepest level that are meant; `None`: all.
+    /// Returns the region in cells of the deepest level; `None`: all.
     ///
     /// # Errors
-    /// If these are two boxes, on both sides of the tree's seam: `advice` is what to do then.
+    /// If the region is two boxes, on both sides of the tree's seam. `advice` ends the message.
     pub(crate) fn bounds(&self, tree: &Dataset, advice: &str) -> Result<Option<Bounds>> {
         let boxes = self.boxes(tree)?;
         if let Some([west, east]) = boxes.as_deref() {
@@ -96,8 +97,8 @@ impl PartOptions {
         Ok(boxes.map(|boxes| boxes[0]))
     }
 
-    /// The cells of the deepest level that are meant: one box, or two where it lies across the tree's seam, the western first;
-    /// `None`: all.
+    /// Returns the region in cells of the deepest level: one box, or two if it crosses the tree's
+    /// seam, the western first; `None`: all.
     pub(crate) fn boxes(&self, tree: &Dataset) -> Result<Option<Vec<Bounds>>> {
         let Some(window) = self.window else { return Ok(None) };
         let is_octree = tree.header().form.axes() == 3;
@@ -123,7 +124,7 @@ impl PartOptions {
         Ok(Some(boxes))
     }
 
-    /// The cells of the deepest level that are meant in a slice across an axis: see [`PartOptions::boxes`].
+    /// Returns the region's cells in a slice across an axis: see [`PartOptions::boxes`].
     pub(crate) fn slice_boxes(&self, tree: &Dataset, across: usize) -> Result<Option<Vec<Bounds>>> {
         ensure!(!self.is_solid(), "--window: of a slice four numbers are expected");
         if across == 2 {
@@ -137,7 +138,8 @@ impl PartOptions {
     }
 }
 
-/// The cells of a window; of one along two axes as it is seen along an axis, in all slices.
+/// Returns the cells of a window. A window along two axes is perpendicular to axis `across`, and
+/// covers all slices.
 fn window_cells(tree: &Dataset, window: Window, across: usize) -> Result<Bounds> {
     let is_cell = |number: &f64| number.fract() == 0.0 && (0.0..2e19).contains(number);
     let numbers = window.numbers();
@@ -175,7 +177,7 @@ fn window_cells(tree: &Dataset, window: Window, across: usize) -> Result<Bounds>
     Ok(bounds)
 }
 
-/// Advice for numbers that are a box of the world, where cells were expected.
+/// Returns advice for numbers that are a world box, where cells were expected.
 fn as_box_of_the_world(tree: &Dataset, numbers: &[f64]) -> String {
     let half = numbers.len() / 2;
     let [low, high] = tree.metadata().frame.world_box(&tree.header().picture());

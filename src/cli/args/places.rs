@@ -1,10 +1,11 @@
-//! Places that are asked about: arguments, or lines of standard input.
+//! Query positions: arguments, or lines of standard input.
 
 use std::io::{self, BufRead as _};
 
 use anyhow::{Result, bail};
 
-/// Reads places from texts, or from lines of standard input if there are none; empty lines are passed over.
+/// Parses positions from arguments, or from lines of standard input if there are none. Skips empty
+/// lines.
 pub(crate) fn places<const AXES: usize>(texts: &[String]) -> Result<Vec<[f64; AXES]>> {
     if !texts.is_empty() {
         return texts.iter().map(|text| place(text)).collect();
@@ -14,7 +15,7 @@ pub(crate) fn places<const AXES: usize>(texts: &[String]) -> Result<Vec<[f64; AX
     lines.map(|line| place(&line?)).collect()
 }
 
-/// Reads two coordinates or more, with a comma or space between them; a z that is missing is NaN.
+/// Parses two or more coordinates, separated by commas or blanks. A missing z becomes NaN.
 fn place<const AXES: usize>(text: &str) -> Result<[f64; AXES]> {
     let words = text.split([',', ' ', '\t']).filter(|word| !word.is_empty());
     let numbers: Option<Vec<f64>> = words.map(|word| word.parse().ok()).collect();

@@ -1,21 +1,22 @@
-//! How a second file is brought to the first.
+//! Options for reconciling other files with the first one.
 
 use spinney::raw::ops::{ClassMatching, OutputExtent, ReconcileOptions};
 
-/// Matching of what values mean.
+/// Options for matching classes and units.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct MeaningArgs {
-    /// Classes of several files are matched by name (by colour where they have no names), or by number [default: name]
+    /// Classes of several files are matched by name (by colour where they have no names), or by
+    /// number [default: name]
     #[arg(long, value_name = "HOW")]
     classes: Option<ClassMatching>,
-    /// Numbers of several files are converted by scale, offset and unit, or taken as they are stored: convert or number
-    /// [default: convert]
+    /// Numbers of several files are converted by scale, offset and unit, or used as stored: convert
+    /// or number [default: convert]
     #[arg(long, value_name = "HOW", value_parser = ["convert", "number"])]
     units: Option<String>,
 }
 
 impl MeaningArgs {
-    /// Options with the first file's extent as it is said here.
+    /// Returns reconcile options with an extent.
     pub(crate) fn options(&self, extent: Option<OutputExtent>, round: bool) -> ReconcileOptions {
         ReconcileOptions {
             extent: extent.unwrap_or_default(),
@@ -25,17 +26,17 @@ impl MeaningArgs {
         }
     }
 
-    /// Options by name, and whether they are given.
+    /// Option names, and whether they were given.
     pub(crate) fn given(&self) -> [(&'static str, bool); 2] {
         [("--classes", self.classes.is_some()), ("--units", self.units.is_some())]
     }
 }
 
-/// Part of the world that a result covers, and matching of what values mean.
+/// The result's extent, and the options for matching classes and units.
 #[derive(clap::Args, Clone, Debug, Default)]
 pub(crate) struct ReconcileArgs {
-    /// Part of the world that the result covers, on the first file's cells: that of the first (a), of the others (b), of all (union) or
-    /// what all share (intersection) [default: union]
+    /// Extent of the result, on the first file's cells: that of the first (a), of the others (b),
+    /// of all (union) or what all share (intersection) [default: union]
     #[arg(long, value_name = "PART")]
     extent: Option<OutputExtent>,
     #[command(flatten)]
@@ -43,12 +44,12 @@ pub(crate) struct ReconcileArgs {
 }
 
 impl ReconcileArgs {
-    /// The options of the library.
+    /// Returns the library's options.
     pub(crate) fn options(&self) -> ReconcileOptions {
         self.meaning.options(self.extent, false)
     }
 
-    /// Options by name, and whether they are given.
+    /// Option names, and whether they were given.
     pub(crate) fn given(&self) -> [(&'static str, bool); 3] {
         let [classes, units] = self.meaning.given();
         [("--extent", self.extent.is_some()), classes, units]

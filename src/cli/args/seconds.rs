@@ -1,6 +1,6 @@
-//! Times in seconds.
+//! Durations in seconds.
 
-/// Reads a time that can be waited for.
+/// Parses a duration between 1 ms and 1,000,000 s.
 pub(crate) fn parse_seconds(text: &str) -> Result<f64, String> {
     let seconds: Option<f64> = text.trim().parse().ok();
     seconds

@@ -1,14 +1,14 @@
-//! Sizes of pictures as people give them.
+//! Sizes of images as arguments.
 
-/// Columns and rows that are asked for, or the longer of the two.
+/// Columns and rows of an image, or the longer side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Size {
     Both(u64, u64),
-    /// The other one is what keeps the aspect.
+    /// The longer side; the other one keeps the aspect ratio.
     Longer(u64),
 }
 
-/// Reads columns and rows of a picture, `1024x512`, or the longer of the two, `1024`.
+/// Parses columns and rows of an image, `1024x512`, or the longer side, `1024`.
 pub(crate) fn parse_size(text: &str) -> Result<Size, String> {
     let number = |text: &str| text.trim().parse().ok().filter(|number: &u64| *number > 0);
     let size = match text.split_once(['x', 'X', ',']) {
@@ -21,7 +21,7 @@ pub(crate) fn parse_size(text: &str) -> Result<Size, String> {
 }
 
 impl Size {
-    /// Columns and rows of a picture of something that is so wide and so high.
+    /// Returns columns and rows of an image of something `width` wide and `height` high.
     pub(crate) fn of(self, width: u64, height: u64) -> (u64, u64) {
         let longer = match self {
             Size::Both(columns, rows) => return (columns, rows),

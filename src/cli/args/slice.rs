@@ -1,9 +1,9 @@
-//! Slices of octrees as people give them, by cells or in the world.
+//! Slices of octrees as arguments, by cells or in the world.
 
 use anyhow::{Result, bail, ensure};
 use spinney::Dataset;
 
-/// A slice: the axis that it lies across, and its coordinate on that axis.
+/// A slice: the axis perpendicular to it, and its coordinate on that axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Slice {
     pub(crate) axis: usize,
@@ -12,7 +12,7 @@ pub(crate) struct Slice {
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// Reads `12` or `z=12`.
+/// Parses `12` or `z=12`.
 pub(crate) fn parse_slice(text: &str) -> Result<Slice, String> {
     let (axis, coordinate) = text.split_once('=').unwrap_or(("z", text));
     let axis = AXES.iter().position(|name| *name == axis.trim().to_lowercase());
@@ -23,10 +23,10 @@ pub(crate) fn parse_slice(text: &str) -> Result<Slice, String> {
 }
 
 impl Slice {
-    /// The first slice along z, which is all that quadtrees have.
+    /// The first slice along z, the only one of quadtrees.
     pub(crate) const FLOOR: Slice = Slice { axis: 2, coordinate: 0.0 };
 
-    /// The cell of the deepest level in which it lies.
+    /// Returns the slice's index in cells of the deepest level.
     pub(crate) fn cell(&self, tree: &Dataset, world: bool) -> Result<u64> {
         let Slice { axis, coordinate } = *self;
         let name = AXES[axis];

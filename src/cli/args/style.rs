@@ -1,8 +1,8 @@
-//! Styles as people give them.
+//! Styles as arguments.
 
 use spinney::style::Style;
 
-/// Reads a style: a name, a JSON document, or a file with one.
+/// Parses a style: a name, a JSON document, or a file with one.
 pub(crate) fn parse_style(text: &str) -> Result<Style, String> {
     Style::given(text).map_err(|error| error.to_string())
 }

@@ -1,4 +1,4 @@
-//! Files as they are, or views of them.
+//! Files, and views of them, as arguments.
 
 use std::path::PathBuf;
 
@@ -11,14 +11,14 @@ use spinney::{Dataset, ViewStep};
 use super::super::{Global, exact, open};
 use super::{LayerOption, parse_crs};
 
-/// A tree file, and the steps that it is seen through.
+/// A tree file, and the operations of a view.
 #[derive(Args, Clone, Debug)]
 pub(crate) struct ViewedTree {
     /// Tree file
     pub(crate) file: PathBuf,
-    /// See the file through a step of `transform`, such as rotate=30; may be given several times. Nothing is
-    /// made beforehand. (Exact models are seen through any affine map where numbers are asked for, and drawn and exported through
-    /// translate= and scale= with one factor)
+    /// View the file through an operation of `transform`, such as rotate=30; may be given several
+    /// times. Nothing is built in advance. (Exact models: any affine map for numeric queries, and
+    /// translate= and scale= with one factor for drawing and exporting)
     #[arg(long = "view", value_name = "STEP", value_parser = parse_step)]
     steps: Vec<ViewStep>,
     #[command(flatten)]
@@ -26,22 +26,22 @@ pub(crate) struct ViewedTree {
 }
 
 impl ViewedTree {
-    /// Whether there are steps.
+    /// Whether there are operations.
     pub(crate) fn is_viewed(&self) -> bool {
         !self.steps.is_empty()
     }
 
-    /// The layers that are named, as they were written.
+    /// Returns the argument of `--layer`, unparsed.
     pub(crate) fn layer_text(&self) -> Option<&str> {
         self.layer.text()
     }
 
-    /// Opens the file if it is an exact model, with or without steps.
+    /// Opens the file, viewed through the operations, if it is an exact model.
     pub(crate) fn open_model(&self, global: &Global) -> anyhow::Result<Option<ModelView>> {
         exact::open_viewed(&self.file, &self.steps, global)
     }
 
-    /// What is seen of the file as text: another one for other layers or steps.
+    /// Describes layers and view. The string differs if layers or operations differ.
     pub(crate) fn steps_text(&self) -> String {
         let steps = if self.steps.is_empty() { String::new() } else { format!(", view {:?}", self.steps) };
         let several = self.layer.text().filter(|names| names.contains(','));
@@ -49,30 +49,30 @@ impl ViewedTree {
         layer.unwrap_or_default() + &steps
     }
 
-    /// Whether the steps make one tree of all layers.
+    /// Whether the operations calculate one tree from all layers.
     fn is_calculated(&self) -> bool {
         !self.layer.is_given() && self.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)))
     }
 
-    /// Opens the only layer that is meant, once, with or without steps.
+    /// Opens the only chosen layer, viewed through the operations.
     pub(crate) fn open(&self, global: &Global) -> anyhow::Result<Dataset> {
         let path =
             if self.is_calculated() { self.file.clone() } else { self.layer.path(&self.file, global)? };
         self.through(open(&path, global.access())?)
     }
 
-    /// Opens the first of the layers that are meant, of however many.
+    /// Opens the first of the chosen layers, however many there are.
     pub(crate) fn open_any_layer(&self, global: &Global) -> anyhow::Result<Dataset> {
         let layers = self.layer.paths(&self.file, global)?;
         self.through(open(layers.first().unwrap_or(&self.file), global.access())?)
     }
 
-    /// Whether several layers are named, which pictures have as channels.
+    /// Whether several layers are named, which become the channels of an image.
     pub(crate) fn is_composite(&self, global: &Global) -> spinney::Result<bool> {
         Ok(self.layer.is_given() && self.layer.paths(&self.file, global)?.len() > 1)
     }
 
-    /// Opens what is meant as one tree, to be drawn: the only layer, or two to four that are named as its channels.
+    /// Opens one tree for drawing: the only layer, or the two to four named layers as its channels.
     pub(crate) fn open_drawn(&self, global: &Global) -> anyhow::Result<Dataset> {
         if !self.is_composite(global)? {
             return self.open(global);
@@ -86,7 +86,7 @@ impl ViewedTree {
         };
         let named: Vec<&LayerInfo> = paths.iter().map(info).collect::<spinney::Result<_>>()?;
         let names: Vec<String> = named.iter().map(|layer| layer.name.clone()).collect();
-        // On the cells of the one that has the smallest.
+        // Use the cells of the layer with the smallest cells.
         let depth = named.iter().map(|layer| layer.header.depth()).max();
         let finest = named.iter().find(|layer| Some(layer.header.depth()) == depth).map(|layer| &layer.name);
         let composite = ViewStep::Calculation(Box::new(Calculation::composite(&names)?));
@@ -94,13 +94,13 @@ impl ViewedTree {
         Ok(file.layer(finest.unwrap_or(&names[0]))?.view(&steps)?)
     }
 
-    /// Opens all layers that are meant, each with or without steps.
+    /// Opens all chosen layers, each viewed through the operations.
     pub(crate) fn open_all(&self, global: &Global) -> anyhow::Result<Vec<Dataset>> {
         if self.is_calculated() {
             return Ok(vec![self.open(global)?]);
         }
         let paths = self.layer.paths(&self.file, global)?;
-        // (The file is opened once, whatever the number of its layers.)
+        // (Open the file once, however many layers are chosen.)
         let first = open(&paths[0], global.access())?;
         let others = paths[1..].iter().map(|path| {
             let name = FileReference::of(path).layer.unwrap_or_default();
@@ -113,12 +113,12 @@ impl ViewedTree {
     }
 
     fn through(&self, tree: Dataset) -> anyhow::Result<Dataset> {
-        // (A file as it is answers faster than a view of it.)
+        // (Queries of a file are faster than those of a view of it.)
         if self.steps.is_empty() { Ok(tree) } else { Ok(tree.view(&self.steps)?) }
     }
 }
 
-/// Reads a step; a coordinate system may stand in a file.
+/// Parses a view operation. A coordinate system may be in a file.
 pub(crate) fn parse_step(text: &str) -> Result<ViewStep, String> {
     if let Some(definition) = text.strip_prefix("crs=") {
         return parse_crs(definition).map(ViewStep::Crs);

@@ -1,9 +1,9 @@
-//! The words that the program was given.
+//! Command-line words.
 
 use std::ffi::OsString;
 
-/// The program's words, with a blank in front of every list of numbers that begins with a minus: nothing then takes
-/// it for options, and whatever reads lists of numbers passes over blanks.
+/// Returns the command-line words. A list of numbers that begins with a minus gets a leading blank:
+/// clap then does not parse it as options, and the parsers of lists skip blanks.
 pub(crate) fn words() -> impl Iterator<Item = OsString> {
     std::env::args_os().map(|word| match word.to_str() {
         Some(text) if is_negative_list(text) => format!(" {text}").into(),

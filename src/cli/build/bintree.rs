@@ -1,4 +1,4 @@
-//! `spinney build` of a bintree's DF-expression: the cells that it tells.
+//! `spinney build` from a bintree's DF-expression: a tree of the same cells.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use spinney::{BuildOptions, DataKind, Output, Progress};
 use super::pictures::PictureArgs;
 use super::{Common, Lines};
 
-/// A bintree that is read, and what is to be made of it.
+/// A bintree that was read, and the options for its tree.
 pub(super) struct BintreeImport {
     tree: Bintree,
     options: BuildOptions,
@@ -18,12 +18,12 @@ pub(super) struct BintreeImport {
 }
 
 impl BintreeImport {
-    /// Whether a file is one, by its name.
+    /// Whether a file's name has the extension of bintrees.
     pub(super) fn is_one(input: &Path) -> bool {
         input.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("bintree"))
     }
 
-    /// Reads the bintree among the inputs, which has to be the only one.
+    /// Reads the bintree. It must be the only input.
     pub(super) fn plan(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<BintreeImport> {
         let [input] = inputs else {
             bail!("a bintree as an input is the only one; `spinney combine` lays trees over each other")

@@ -1,4 +1,4 @@
-//! `spinney build` of texts of primitives: octrees, and exact models.
+//! `spinney build` from CSG files: octrees, and exact models.
 
 use std::path::{Path, PathBuf};
 
@@ -10,14 +10,14 @@ use super::pictures::PictureArgs;
 use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid, Lines};
 
-/// A text of primitives that was read, and what is to be made of it.
+/// A CSG file that was read, and what to build from it.
 pub(super) enum PrimitivesImport {
     Cells(Box<CsgImport>),
     Exact(Box<Csg>, CsgExactOptions, Lines),
 }
 
 impl PrimitivesImport {
-    /// Reads the text, which has to be the only input.
+    /// Reads the CSG file. It must be the only input.
     pub(super) fn plan(
         inputs: &[PathBuf],
         output: &Path,
@@ -65,7 +65,7 @@ impl PrimitivesImport {
         }
     }
 
-    /// Name of the units that the progress of building counts, in the plural.
+    /// Returns the unit of the build's progress, in the plural.
     pub(super) fn unit(&self) -> &'static str {
         match self {
             PrimitivesImport::Cells(_) => "cells",
@@ -73,7 +73,7 @@ impl PrimitivesImport {
         }
     }
 
-    /// Builds the file; returns lines about it.
+    /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
         match self {
             PrimitivesImport::Cells(import) => {
@@ -89,7 +89,7 @@ impl PrimitivesImport {
     }
 }
 
-/// Lines about an exact model.
+/// Returns lines about an exact model.
 fn lines(report: &CsgExactReport, unit: Option<String>) -> Lines {
     let unit = unit.map_or(String::new(), |unit| format!(" {unit}"));
     let CsgExactReport { curved, deviation, facets, displacement, model, ends, .. } = report;

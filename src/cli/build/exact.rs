@@ -14,7 +14,7 @@ use spinney::{Output, Progress};
 use super::solids::SolidArgs;
 use super::{Common, Lines};
 
-/// Models that are open, and what is to be made of them.
+/// Open models, and the options for an exact model of them.
 pub(super) struct ExactImport {
     models: Vec<Box<dyn Model>>,
     options: ExactOptions,
@@ -74,13 +74,13 @@ impl ExactImport {
         &self.description
     }
 
-    /// Builds the file; returns lines about it.
+    /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, stats: bool, progress: &dyn Progress) -> Result<Lines> {
         Ok(lines(&spinney::import::mesh::import_exact(self.models, &self.options, output, progress)?, stats))
     }
 }
 
-/// Numbers of the parts of models for which conditions hold.
+/// Returns the indices of the model parts that satisfy the conditions.
 fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     let (names, about) = mesh::parts_of(models);
     let found = choose_objects(filter, &names, &|part| Ok(about[part as usize].clone()))?;
@@ -90,7 +90,7 @@ fn chosen_parts(models: &[Box<dyn Model>], filter: &FeatureFilter) -> Result<BTr
     Ok(found)
 }
 
-/// Lines about a repair.
+/// Returns lines about a repair.
 fn repaired(done: &Repair, unit: &str) -> Lines {
     if done.is_nothing() {
         return vec![("repaired", "nothing: the surface is in order".into())];

@@ -1,4 +1,4 @@
-//! Options of `spinney build` for files of features.
+//! Options of `spinney build` for features.
 
 use std::path::{Path, PathBuf};
 
@@ -19,35 +19,42 @@ use super::{Common, Grid, grid_of};
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = "Features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV)")]
 pub(super) struct FeatureArgs {
-    /// Value that features give their cells: a number, or that of an attribute, whose texts become classes with names [default: 1]
+    /// Value that features give their cells: a number, or an attribute, whose strings become
+    /// classes with names [default: 1]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE", allow_hyphen_values = true)]
     value: Option<FeatureValue>,
-    /// Value of cells where features lie on top of each other: last, first, min, max, sum, count or mean [default: last]
+    /// Value of cells where features overlap: last, first, min, max, sum, count or mean [default:
+    /// last]
     #[arg(long, value_name = "RULE")]
     overlaps: Option<Overlaps>,
-    /// Type of the cells' numbers: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64 [default: of an attribute i32 or i64 of integers, f64 of others]
+    /// Sample type of the cells: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64 [default: for an
+    /// integer attribute i32 or i64, for others f64]
     #[arg(long = "type", value_name = "TYPE", value_parser = parse_type)]
     sample: Option<SampleType>,
-    /// Width of lines in units of the tree's coordinates: a number, or an attribute; they have the cells whose centres are no farther from
-    /// them than half of it [default: none, the cells that their points are in]
+    /// Width of lines in units of the tree's coordinates: a number, or an attribute; a line covers
+    /// the cells whose centres are within half its width [default: none, the cells that contain its
+    /// points]
     #[arg(long, value_name = "NUMBER|ATTRIBUTE")]
     width: Option<LineWidth>,
-    /// Give each cell the share of it that features have together, from 0 to 1: where polygons overlap, their union counts
+    /// Give each cell the fraction of its area that features cover, from 0 to 1: where polygons
+    /// overlap, their union counts
     #[arg(long)]
     fractions: bool,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; with
-    /// --brep objects of models, and their parts: id and type count as attributes
+    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
+    /// or >= between an attribute and a value; with --brep objects of models, and their parts: id
+    /// and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
-    /// Attribute that is the height of polygons, which are sections of a solid: an octree, of those between two interpolated by their shape
+    /// Attribute with the height of polygons, which are sections of a solid: makes an octree,
+    /// interpolating between sections by their shape
     #[arg(long, value_name = "ATTRIBUTE", conflicts_with = "tin")]
     pub(super) heights: Option<String>,
-    /// Keep features as they are, in a tree of points or of lines, instead of making cells of them
+    /// Keep features unchanged, in a tree of points or of lines, instead of rasterizing them
     #[arg(long, value_name = "KIND")]
     pub(super) index: Option<Index>,
 }
 
-/// A kind of trees that keep features.
+/// A kind of tree that keeps features unchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Index {
     /// A tree of points.
@@ -63,7 +70,7 @@ fn parse_type(text: &str) -> Result<SampleType, String> {
 }
 
 impl FeatureArgs {
-    /// An option that was given, which makes no sense for other inputs.
+    /// Returns the first given option for features, which other inputs reject.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
             ("--value", self.value.is_some()),
@@ -78,17 +85,17 @@ impl FeatureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// How features are read that are kept as they are.
+    /// Returns options for reading features that are kept unchanged.
     pub(super) fn kept(&self, layer: Option<String>) -> FeatureOptions {
         FeatureOptions { layer, filter: self.filter.clone().unwrap_or_default(), ..FeatureOptions::default() }
     }
 
-    /// Whether some inputs are files of features.
+    /// Whether some of the inputs are feature files.
     pub(super) fn are_features(inputs: &[PathBuf]) -> bool {
         inputs.iter().any(|input| is_feature_file(input))
     }
 
-    /// Looks at the features, and plans what is made of them.
+    /// Reads the features' schema, and plans the import.
     pub(super) fn plan(
         &self,
         inputs: &[PathBuf],

@@ -1,4 +1,4 @@
-//! Plans of `spinney build` for features that become trees of lines.
+//! `spinney build` of trees of lines from features.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use super::features::FeatureArgs;
 use super::pictures::PictureArgs;
 use super::solids::SolidArgs;
 
-/// Looks at the features, and plans the tree of their lines.
+/// Reads the features' schema, and plans the tree of their lines.
 pub(super) fn plan(
     inputs: &[PathBuf],
     (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),

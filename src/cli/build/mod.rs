@@ -1,4 +1,4 @@
-//! `spinney build`: trees of pictures, of volumes and of solids.
+//! `spinney build`: trees of rasters, volumes, solids and features.
 
 mod bintree;
 mod csg;
@@ -46,55 +46,65 @@ use super::lines::LineImport;
 use super::report::{Work, report_built};
 use super::{Global, open};
 
-/// Make a tree of a picture, or of several on one grid, of a volume, of models of solids, of features, of points, or of lines.
+/// Make a tree of a raster, or of several on one grid, of a volume, of models of solids, of
+/// features, of points, or of lines.
 ///
-/// Reads TIFF and GeoTIFF, PNG, OpenEXR and SRTM .hgt files of any size, and JPEG, WebP, BMP, GIF, PNM, TGA, QOI and
-/// Radiance HDR files that fit in --memory, and writes one file that
-/// holds them at every level of detail: a .goblin file, compact and read-only, or an .autumn file, which can
-/// be edited. What the files say about their pixels (coordinates, nodata, palette, names) is kept; options
-/// overrule it.
+/// Reads TIFF and GeoTIFF, PNG, OpenEXR and SRTM .hgt files of any size, and JPEG, WebP, BMP, GIF,
+/// PNM, TGA, QOI and Radiance HDR files that fit in --memory. Writes one file with all levels of
+/// detail: a .goblin file, compact and read-only, or an .autumn file, which can be edited. Metadata
+/// of the pixels (coordinates, nodata, palette, names) are kept; options override them.
 ///
-/// Reads Freeman chain codes of regions (docs/chain_codes.md has their grammar), as `export` writes them to .chain files, or of a single outline.
+/// Reads Freeman chain codes of regions (docs/chain_codes.md has their grammar), as `export` writes
+/// them to .chain files, or of a single outline.
 ///
-/// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y, x) in C order, or (z, y, x,
-/// channels); NRRD files, raw or compressed, with their place and units; files of samples alone (--raw-size); and sections, a picture or a page
-/// for each plane (--pages z), from files or a folder. They become octrees of their samples, which `get` writes as NPY or NRRD again, and `contours` makes
-/// surfaces of.
+/// Reads volumes, such as those of scanners: NPY files, as numpy.save writes them, of shape (z, y,
+/// x) in C order, or (z, y, x, channels); NRRD files, raw or compressed, with their coordinates and
+/// units; raw files of samples (--raw-size); and sections, an image or a page for each plane
+/// (--pages z), from files or a directory. They become octrees of their samples. `get` writes these
+/// as NPY or NRRD again, and `contours` makes isosurfaces of them.
 ///
-/// Reads models of solids, too: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface encloses
-/// becomes an octree, exactly where the surface is closed, also with overlapping bodies and cavities, and by
-/// its winding field, to 0.01, where it is not. Several models become one solid. With --brep the faces themselves are
-/// kept, which must bound a body.
+/// Reads models of solids: PLY, OBJ, STL, OFF, CityJSON and CityJSONSeq. What their surface
+/// encloses becomes an octree: exactly if the surface is closed, also with overlapping bodies and
+/// cavities, and by its winding field, to 0.01, if it is open. Several models become one solid.
+/// With --brep the faces themselves are stored; they must bound a body.
 ///
-/// Reads solids of primitives, too: a text (.csg) of block, ball, cylinder, cone, torus, half_space, prism, sweep and revolve, moved by translate,
-/// scale, rotate, mirror and affine, and combined by union, intersection, difference, xor and complement, such as
-/// 'difference(block(0,0,0, 4,4,2), cylinder(2,2,0, 2,2,2, 1));' (docs/csg.md tells all of it). --deviation says how near facets come to
-/// curved surfaces in an exact model.
+/// Reads constructive solid geometry: a text file (.csg) of block, ball, cylinder, cone, torus,
+/// half_space, prism, sweep and revolve, moved by translate, scale, rotate, mirror and affine, and
+/// combined by union, intersection, difference, xor and complement, such as
+/// 'difference(block(0,0,0, 4,4,2), cylinder(2,2,0, 2,2,2, 1));' (see docs/csg.md). --deviation
+/// limits the distance between facets and curved surfaces in an exact model.
 ///
-/// Reads views of a solid, too: a text (.views, JSON) that tells pictures, silhouettes or depths, and the directions that they were taken from. What no view shows to be empty
-/// becomes an octree (docs/reconstruction.md tells the text).
+/// Reads views of a solid: a JSON file (.views) that lists images, silhouettes or depths, and their
+/// view directions. The octree has all cells that no view shows to be empty (see
+/// docs/reconstruction.md).
 ///
-/// Reads features, too: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is one layer of several), shapefiles and
-/// CSV with geometries. They become the cells that they have, exactly and without a raster between, with the value of an attribute.
+/// Reads features: points, lines and polygons of GeoJSON, FlatGeobuf, GeoPackage (x.gpkg:NAME is
+/// one layer of several), shapefiles and CSV with geometries. They are rasterized exactly, without
+/// an intermediate raster, to cells with the value of an attribute.
 ///
-/// Reads point clouds, too: LAS and LAZ, and with --index points the vertices of PLY files and arrays of NumPy (x, y and z). They become a tree of points, each
-/// of which is there once, with its attributes, and coarse levels have a few of them spread evenly.
+/// Reads point clouds: LAS and LAZ, and with --index points the vertices of PLY files and arrays of
+/// NumPy (x, y and z). They become a tree of points with their attributes. Each point is stored
+/// once; coarse levels have an evenly spread subset.
 ///
-/// Of features that are points, such as boreholes, --tin makes a triangulated surface: a raster of its heights, or, of several heights and with --brep, the layers between
-/// their surfaces as an exact model, each an object of its own (docs/surfaces.md).
+/// For features that are points, such as boreholes, --tin makes a triangulated surface: a raster of
+/// its heights, or, of several heights and with --brep, the layers between their surfaces as an
+/// exact model, each an object of its own (docs/surfaces.md).
 ///
-/// Of features that are polygons at heights, such as sections of a body, --heights makes an octree of the solid that they are sections of.
+/// For features that are polygons at heights, such as sections of a body, --heights makes an octree
+/// of the solid between them.
 ///
-/// Reads bintrees as text, .bintree files with what `dump --bintree` prints: the same cells, without what else the tree said of them.
+/// Reads bintrees as text, .bintree files with the output of `dump --bintree`: the same cells,
+/// without the tree's other metadata.
 ///
-/// Takes a tree, too, and keeps what it tells about its cells, such as kind, rule, coordinate system and names, unless options
-/// say something else: with another --rule, coarser levels are made anew.
+/// Reads a tree, and keeps the metadata of its cells, such as kind, rule, coordinate system and
+/// names, unless options override them: with another --rule, coarser levels are computed again.
 ///
-/// Data that do not fit into --memory go to a temporary file beside the output.
+/// Data that do not fit into --memory go to a temporary file next to the output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
-    /// Raster files (of several, the last lies on top), a volume, models, a text of primitives or of views, files of features or points, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top), a volume, models, a CSG or views file,
+    /// files of features or points, or a tree; @FILE reads paths from a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     /// File to write; - is standard output
@@ -102,7 +112,7 @@ pub(crate) struct Args {
     output: PathBuf,
     #[command(flatten)]
     common: Common,
-    // (Headings hold for all options that follow.)
+    // (Headings apply to all options that follow.)
     #[command(flatten)]
     pictures: PictureArgs,
     #[command(flatten)]
@@ -113,10 +123,11 @@ pub(crate) struct Args {
     surfaces: SurfaceArgs,
 }
 
-/// Options for pictures, volumes and solids.
+/// Options for rasters, volumes and solids.
 #[derive(clap::Args)]
 pub(super) struct Common {
-    /// Levels of the tree; its space has 2^N cells along a side [default: as few as hold the input]
+    /// Levels of the tree; its space has 2^N cells along a side [default: the minimum that holds
+    /// the input]
     #[arg(long, value_name = "N")]
     depth: Option<u8>,
     /// Coordinate system of the input: EPSG:NUMBER, EPSG:NUMBER+NUMBER with heights, WKT, PROJJSON,
@@ -132,24 +143,25 @@ pub(super) struct Common {
     /// Store equal subtrees once; for .autumn files
     #[arg(long)]
     share: bool,
-    /// Time of the commit that an .autumn file begins with, in seconds since the beginning of 1970 [default: none, so that the same
-    /// input makes the same bytes]
+    /// Time of the commit that an .autumn file begins with, in seconds since 1970-01-01 00:00 UTC
+    /// [default: none, so that the same input makes the same bytes]
     #[arg(long, value_name = "SECONDS", env = "SOURCE_DATE_EPOCH", allow_negative_numbers = true)]
     time: Option<i64>,
-    /// Grid of the cells: xyz is that of web maps, web mercator with the world as the root, so that tiles are nodes; a tree file
-    /// stands for its own cells, so that both can be combined. Pictures are warped, by way of a temporary file beside the output
+    /// Grid of the cells: xyz is the web map grid, web mercator with the world as the root, so that
+    /// tiles are nodes; a tree file names its own grid, so that both can be combined. Rasters are
+    /// warped, through a temporary file next to the output
     #[arg(long, value_name = "xyz|TREE")]
     grid: Option<Grid>,
-    /// How files are opened: that of the [program](Global::access).
+    /// Access to files: that of the [program](Global::access).
     #[arg(skip)]
     pub(super) access: FileAccess,
-    /// The options that were given.
+    /// The options on the command line.
     #[arg(skip)]
     pub(super) given: GivenOptions,
 }
 
 impl Common {
-    /// An option that was given and is not for trees that are built in shards.
+    /// Returns the first given option that sharded builds reject.
     pub(super) fn not_of_shards(&self) -> Option<&'static str> {
         let given = [
             ("--share", self.share),
@@ -164,9 +176,9 @@ impl Common {
 /// A grid that is not the input's own.
 #[derive(Clone, Debug, PartialEq)]
 enum Grid {
-    /// That of web maps.
+    /// The web map grid.
     Xyz,
-    /// That of another tree.
+    /// Another tree's grid.
     Like(PathBuf),
 }
 
@@ -211,15 +223,15 @@ Examples:
 The output appears under its name only when it is complete; until then, an older file of that name
 stays.";
 
-/// Error of an option that models do not have.
+/// Error message for options that models reject.
 const NOT_OF_MODELS: &str = "--kind, --rule, --band, --nodata, --transform, --layer, --pages, --raw-size, --stack and --keep-transparent are for pictures and volumes, not for models";
 
-/// Inputs that are open and understood, ready to be built.
+/// Inputs that are open and checked, ready to be built.
 enum Import {
     Pictures(Box<spinney::import::raster::RasterImport>),
-    /// Pictures on another grid than their own.
+    /// Rasters on another grid than their own.
     Warped(Box<spinney::import::raster::RasterImport>, TargetGrid, WarpOptions),
-    /// Pictures beside each other.
+    /// Rasters as layers.
     Stack(Box<spinney::import::raster::Stack>),
     Volume(Box<VolumeImport>),
     Solid(Box<SolidImport>),
@@ -236,7 +248,7 @@ enum Import {
     Bintree(Box<BintreeImport>),
 }
 
-/// The cells of a tree with so many axes.
+/// Returns the grid of a tree with so many axes.
 fn grid_of(tree: &Dataset, axes: usize, path: &Path) -> Result<WarpGrid> {
     let name = ["a quadtree", "an octree"];
     if tree.header().form.axes() != axes {
@@ -245,7 +257,7 @@ fn grid_of(tree: &Dataset, axes: usize, path: &Path) -> Result<WarpGrid> {
     Ok(WarpGrid { frame: tree.metadata().frame.clone(), extent: tree.header().extent })
 }
 
-/// Lines about what was built, each with its heading.
+/// Lines about a build, each with its heading.
 type Lines = Vec<(&'static str, String)>;
 
 impl Import {
@@ -267,7 +279,7 @@ impl Import {
         }
     }
 
-    /// The command by which the tree is looked at.
+    /// Returns the command for inspecting the tree.
     fn next(&self) -> &'static str {
         match self {
             Import::Points(_) | Import::Lines(_) => "info",
@@ -275,7 +287,7 @@ impl Import {
         }
     }
 
-    /// Name of the units that the progress of building counts, in the plural.
+    /// Returns the unit of the build's progress, in the plural.
     fn unit(&self) -> &'static str {
         match self {
             Import::Exact(_) => "faces",
@@ -286,7 +298,7 @@ impl Import {
         }
     }
 
-    /// Builds the tree, and gives what is to be said about it.
+    /// Builds the tree. Returns lines about it.
     fn build(self, output: Output, solids: &SolidArgs, progress: &dyn Progress) -> Result<Lines> {
         match self {
             Import::Pictures(import) => {
@@ -343,7 +355,7 @@ impl Import {
 }
 
 impl Args {
-    /// Opens the inputs, and plans what is made of them.
+    /// Opens the inputs, and plans the import.
     fn plan(&self) -> Result<Import> {
         let Args { inputs, output, pictures, common, solids, features, surfaces } = self;
         check_output(inputs.iter().map(PathBuf::as_path), output)?;
@@ -412,7 +424,8 @@ impl Args {
                     common,
                 )?)));
             }
-            // (Whoever asks for cells has ruled out what these options require, and is not told by their declarations.)
+            // (--cells, --cell and --grid conflict with --brep. clap then does not enforce that
+            // these options require --brep.)
             if let Some(option) = solids.of_exact_models() {
                 bail!("{option} is for exact models: add --brep, without --cells, --cell and --grid");
             }
@@ -464,7 +477,7 @@ pub(crate) fn run(mut args: Args, global: &Global) -> Result<()> {
     for (heading, text) in import.description() {
         global.report(heading, text);
     }
-    // (What is in folders is not counted, and nothing is compared with it.)
+    // (The size of a directory's contents is unknown: no ratio is reported then.)
     let sizes = args
         .inputs
         .iter()

@@ -1,4 +1,4 @@
-//! Options of `spinney build` for pictures and volumes.
+//! Options of `spinney build` for rasters and volumes.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -13,80 +13,91 @@ use spinney::{DataKind, Number, Resampling, Rule, SampleType, WarpOptions};
 use super::super::args::numbers;
 use super::Common;
 
-/// Options for pictures, some of them for volumes, too.
+/// Options for rasters, some of them for volumes, too.
 #[derive(clap::Args, Clone, Debug)]
 #[command(
     next_help_heading = "Rasters (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, HGT, chain codes) and volumes (NPY)"
 )]
 pub(in crate::cli) struct PictureArgs {
-    /// Meaning of the values: categorical (classes, counted) or continuous (amounts, averaged) [default: from
-    /// the file]
+    /// Meaning of the values: categorical (classes, counted) or continuous (averaged) [default:
+    /// from the file]
     #[arg(long)]
     pub(super) kind: Option<DataKind>,
-    /// Rule for the value that stands for many at coarse detail: mean, majority, dominant, min, max or nearest
-    /// [default: mean of amounts, majority of classes]
+    /// Rule for representative values at coarse detail: mean, majority, dominant, min, max or
+    /// nearest [default: mean of continuous values, majority of classes]
     #[arg(long)]
     pub(super) rule: Option<Rule>,
-    /// Channels to take, by number from 1 or by name (the whole one, or what stands before a comma in it), in this order [default: all]
+    /// Channels to use, by number from 1 or by name (in full, or up to a comma), in this order
+    /// [default: all]
     #[arg(long, value_name = "N|NAME,...", value_delimiter = ',')]
     band: Option<Vec<Band>>,
-    /// Number that means VOID, that nothing is there [default: from the file]
+    /// Nodata number: pixels equal to it become VOID [default: from the file]
     #[arg(long, value_name = "NUMBER", allow_negative_numbers = true)]
     nodata: Option<Number>,
-    /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the file]. Volumes: widths of a cell
-    /// along x, y and z, or a 3 x 4 matrix, row by row [default: 1,1,1]
+    /// Coordinates of the pixels: x = a col + b row + c, y = d col + e row + f [default: from the
+    /// file]. Volumes: widths of a cell along x, y and z, or a 3 x 4 matrix, row by row [default:
+    /// 1,1,1]
     #[arg(long, value_name = "a,b,c,d,e,f", value_parser = parse_transform)]
     pub(super) transform: Option<Transform>,
-    /// Layer of a file that has several: of an OpenEXR file [default: the first], or of a GeoPackage
+    /// Layer of a file that has several: of an OpenEXR file [default: the first], or of a
+    /// GeoPackage
     #[arg(long, value_name = "NAME")]
     pub(super) layer: Option<String>,
-    /// Pages of a TIFF file that has several: the one of a number from 0, or all of them, as layers of a stack or as planes of a volume;
-    /// z takes files and folders of pictures, too, each a plane, in the order of the numbers in their names (natural sort; signs, decimals and units of length count, missing numbers are reported)
+    /// Pages of a TIFF file that has several: one by its number from 0, or all of them, as layers
+    /// of a stack or as planes of a volume; z accepts image files and directories, too, each image
+    /// a plane, in the order of the numbers in their names (natural sort; signs, decimals and units
+    /// of length count, missing numbers are reported)
     #[arg(long, value_name = "layers|z|N")]
     pages: Option<Pages>,
-    /// Cells along x, y and z of a volume whose file has samples alone, x fastest; and samples of a cell, if there are several
+    /// Cells along x, y and z of a volume in a raw file of samples, x fastest; and samples per
+    /// cell, if there are several
     #[arg(long, value_name = "X,Y,Z[,CHANNELS]", value_parser = parse_raw, requires = "raw_type")]
     raw_size: Option<RawSize>,
-    /// Type of these samples: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
+    /// Sample type of the raw file: u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64
     #[arg(long, value_name = "TYPE", value_parser = parse_sample, requires = "raw_size")]
     raw_type: Option<SampleType>,
     /// Bytes of the file before the first sample [default: 0]
     #[arg(long, value_name = "BYTES", requires = "raw_size")]
     raw_skip: Option<u64>,
-    /// Samples have their highest byte first
+    /// Samples are big-endian
     #[arg(long, requires = "raw_size")]
     big_endian: bool,
-    /// Keep the inputs, and each of their bands, beside each other as layers of one file, not on top of each other; pictures in colour
-    /// are one layer. All lie at one corner, with cells as large as the finest or a whole number of times
+    /// Keep the inputs, and each of their bands, as layers of one file, not on top of each other;
+    /// colour images are one layer. All have the same origin; cell widths are integer multiples of
+    /// the finest
     #[arg(long)]
     stack: bool,
-    /// Names of the layers of a stack [default: those of the files; of files with several bands those of the bands]
+    /// Names of the layers of a stack [default: those of the files; of files with several bands
+    /// those of the bands]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     names: Option<Vec<String>>,
-    /// Times of what the layers of a stack show, as in 2024-05-31 or 2024-05-31T10:30:00Z: of each layer, or of each file
+    /// Acquisition times of the layers of a stack, as in 2024-05-31 or 2024-05-31T10:30:00Z: of
+    /// each layer, or of each file
     #[arg(long, value_name = "TIME,...", value_delimiter = ',')]
     times: Option<Vec<String>>,
-    /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like all others
-    /// [default: they are VOID]
+    /// Keep pixels of opacity 0 as cells with their colours, which coarser cells then average like
+    /// all others [default: they are VOID]
     #[arg(long)]
     keep_transparent: bool,
-    /// Zoom whose tiles of 256 x 256 cells are the deepest, with --grid xyz [default: that whose cells are closest in size to the
-    /// picture's pixels, in its middle]
+    /// Zoom whose tiles of 256 x 256 cells are the deepest, with --grid xyz [default: that whose
+    /// cells are closest in size to the raster's pixels, at its centre]
     #[arg(long, value_name = "Z")]
     pub(super) max_zoom: Option<u8>,
-    /// Resampling, with --grid, or with --stack of files that lie on other grids than the finest: nearest, bilinear, cubic, area or majority [default: nearest class or bilinear amounts;
-    /// majority or area where cells are more than 1.5 times as large as pixels]
+    /// Resampling, with --grid, or with --stack of files that have other grids than the finest:
+    /// nearest, bilinear, cubic, area or majority [default: nearest for classes, bilinear for
+    /// continuous values; majority or area where cells are more than 1.5 times as large as pixels]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid, with --grid or --stack: may be off by some hundred metres
+    /// Treat datums whose shift to WGS 84 is unknown or needs a grid as WGS 84, with --grid or
+    /// --stack: may be off by some hundred metres
     #[arg(long)]
     allow_ballpark: bool,
 }
 
-/// Cells along x, y and z, and samples of a cell.
+/// Cells along x, y and z, and samples per cell.
 type RawSize = ([u64; 3], u8);
 
-/// Reads the size of a volume of samples alone.
+/// Parses the size of a raw volume.
 fn parse_raw(text: &str) -> Result<RawSize, &'static str> {
     let numbers: Option<Vec<u64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
     match numbers.as_deref() {
@@ -96,7 +107,7 @@ fn parse_raw(text: &str) -> Result<RawSize, &'static str> {
     }
 }
 
-/// Reads the name of a type.
+/// Parses the name of a sample type.
 fn parse_sample(text: &str) -> Result<SampleType, &'static str> {
     let named = SampleType::ALL.into_iter().find(|sample| sample.name() == text);
     named.ok_or("expected u8, i8, u16, i16, u32, i32, u64, i64, f32 or f64")
@@ -133,7 +144,7 @@ pub(super) enum Transform {
 }
 
 impl PictureArgs {
-    /// Whether any of them was given, which makes no sense for models.
+    /// Whether any of these options was given: models reject them.
     pub(super) fn are_given(&self) -> bool {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         kind.is_some()
@@ -149,7 +160,7 @@ impl PictureArgs {
             || self.of_stacks().is_some()
     }
 
-    /// The inputs as a volume, if they are one.
+    /// Returns the inputs as a volume, if they are one.
     pub(in crate::cli) fn volume_input(&self, inputs: &[PathBuf]) -> Result<Option<VolumeInput>> {
         let raw = self.raw_layout();
         if self.pages == Some(Pages::Volume) {
@@ -173,7 +184,7 @@ impl PictureArgs {
         }))
     }
 
-    /// What is said of a file of samples alone.
+    /// Returns the layout of a raw file of samples.
     fn raw_layout(&self) -> Option<RawLayout> {
         let ((size, channels), sample) = self.raw_size.zip(self.raw_type)?;
         let mut layout = RawLayout::new(size, sample);
@@ -182,7 +193,7 @@ impl PictureArgs {
         Some(layout)
     }
 
-    /// An option that was given and is for stacks.
+    /// Returns the first given option for stacks.
     pub(super) fn of_stacks(&self) -> Option<&'static str> {
         let given = [
             ("--stack", self.stack),
@@ -193,7 +204,7 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// An option that was given and says what cells are made of.
+    /// Returns the first given option that selects the input's samples.
     pub(super) fn of_cells(&self) -> Option<&'static str> {
         let given = [
             ("--band", self.band.is_some()),
@@ -206,12 +217,12 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// Kind of the values and rule for coarser cells, where they are said.
+    /// Returns the kind of the values and the rule for coarser cells, if given.
     pub(super) fn kind_and_rule(&self) -> (Option<DataKind>, Option<Rule>) {
         (self.kind, self.rule)
     }
 
-    /// An option that was given and is for another grid than the picture's own.
+    /// Returns the first given option for warping to another grid.
     pub(in crate::cli) fn of_warping(&self) -> Option<&'static str> {
         let given = [
             ("--max-zoom", self.max_zoom.is_some()),
@@ -221,14 +232,14 @@ impl PictureArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// The way to another grid.
+    /// Returns the options for warping.
     pub(super) fn warp_options(&self) -> WarpOptions {
         let mut options = WarpOptions::default();
         (options.resampling, options.allow_ballpark) = (self.resampling, self.allow_ballpark);
         options
     }
 
-    /// All that is asked of an import.
+    /// Returns the options for importing a raster.
     pub(in crate::cli) fn import_options(&self, common: &Common) -> Result<ImportOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } =
             self.clone();
@@ -253,7 +264,8 @@ impl PictureArgs {
         Ok(options)
     }
 
-    /// Options for a stack, if one is asked for, or the bands of the only input are no one value; nothing else.
+    /// Returns options for a stack, if one is requested, or if the bands of the only input cannot
+    /// form one value.
     pub(in crate::cli) fn stack_options(
         &self,
         inputs: &[PathBuf],
@@ -283,7 +295,7 @@ impl PictureArgs {
         Ok(Some(options))
     }
 
-    /// All that is asked of an import of a volume.
+    /// Returns the options for importing a volume.
     pub(in crate::cli) fn volume_options(&self, common: &Common) -> Result<VolumeOptions> {
         let PictureArgs { kind, rule, band, nodata, transform, layer, pages, keep_transparent, .. } = self;
         let Common { depth, crs, memory, share, time, grid, .. } = common;
@@ -317,7 +329,7 @@ impl PictureArgs {
     }
 }
 
-/// Reads the numbers of a transform.
+/// Parses the numbers of a transform.
 fn parse_transform(text: &str) -> Result<Transform, String> {
     if let Some([x, y, z]) = numbers(text) {
         return Ok(Transform::Volume([[x, 0.0, 0.0, 0.0], [0.0, y, 0.0, 0.0], [0.0, 0.0, z, 0.0]]));

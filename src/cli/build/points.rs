@@ -1,4 +1,4 @@
-//! Files of points in `spinney build`.
+//! `spinney build` of trees of points.
 
 use std::path::PathBuf;
 
@@ -14,12 +14,13 @@ use super::features::{FeatureArgs, Index};
 use super::pictures::PictureArgs;
 use super::solids::SolidArgs;
 
-/// Whether a tree of points is to be made: of point clouds always, of features if that is said.
+/// Whether to build a tree of points: always for point clouds, for features if `--index points` is
+/// given.
 pub(super) fn are_points(inputs: &[PathBuf], features: &FeatureArgs) -> bool {
     features.index == Some(Index::Points) || inputs.iter().any(|input| is_las_file(input))
 }
 
-/// Looks at the points, and plans what is made of them.
+/// Reads the points' schema, and plans the import.
 pub(super) fn plan(
     inputs: &[PathBuf],
     (common, pictures, solids, features): (&Common, &PictureArgs, &SolidArgs, &FeatureArgs),
@@ -34,7 +35,7 @@ pub(super) fn plan(
     Ok(plan_point_files(inputs, &of_features, &options)?)
 }
 
-/// The job of building points in shards, those for which conditions hold.
+/// Returns the job of a sharded build of points that satisfy the conditions.
 pub(in crate::cli) fn job(
     inputs: Vec<PathBuf>,
     (common, solids): (&Common, &SolidArgs),
@@ -44,7 +45,8 @@ pub(in crate::cli) fn job(
     Ok(JobSpec::Points { inputs, options, filter: filter.cloned().unwrap_or_default() })
 }
 
-/// Options of an import of points; fails if some were given that mean nothing for them, besides some that do.
+/// Returns options for importing points. Fails for options that have no meaning for points and are
+/// not in `others`.
 fn import_options(common: &Common, solids: &SolidArgs, others: &[&str]) -> Result<PointImportOptions> {
     common.given.check("points", &[&["--crs", "--leaf-size", "--attribute", "--where"], others].concat())?;
     let mut options = PointImportOptions { crs: common.crs.clone(), ..PointImportOptions::default() };

@@ -1,4 +1,4 @@
-//! `spinney build` of pictures from known directions, and of outlines at heights.
+//! `spinney build` from images with known view directions, and from outlines at heights.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use super::pictures::PictureArgs;
 use super::solids::{OF_CELLS, SolidArgs};
 use super::{Common, Grid};
 
-/// Fails if options were given that mean nothing for such solids.
+/// Fails for options that have no meaning for such solids.
 fn check(input: &Path, solids: &SolidArgs, common: &Common) -> Result<()> {
     if common.grid == Some(Grid::Xyz) {
         bail!("{}: becomes a solid; --grid xyz is for pictures", input.display());
@@ -25,7 +25,7 @@ fn check(input: &Path, solids: &SolidArgs, common: &Common) -> Result<()> {
     Ok(())
 }
 
-/// Reads the text that tells the views, which has to be the only input, and the pictures.
+/// Reads the views file, which must be the only input, and the images.
 pub(super) fn views(
     inputs: &[PathBuf],
     output: &Path,

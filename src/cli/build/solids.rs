@@ -22,62 +22,68 @@ use super::{Common, Grid, Lines, NOT_OF_MODELS, PictureArgs, grid_of};
     next_help_heading = "Solids (PLY, OBJ, STL, OFF, CityJSON, CSG); --cells, --cell and --edge are for features, too"
 )]
 pub(in crate::cli) struct SolidArgs {
-    /// Cells along the longest side of the model, or of the box around features [default: 256 of models]
+    /// Cells along the longest side of the model, or of the box around features [default: 256 of
+    /// models]
     #[arg(long, value_name = "N", conflicts_with_all = ["depth", "grid"])]
     cells: Option<u64>,
-    /// Width of a cell, such as 0.5 or 0.5mm; what is built with the same width fits together
+    /// Width of a cell, such as 0.5 or 0.5mm; trees with the same width are aligned
     #[arg(long, value_name = "WIDTH", conflicts_with_all = ["cells", "depth", "grid"], value_parser = parse_width)]
     cell: Option<Width>,
-    /// No more than the cells that the surface cuts, instead of all that it encloses; a face exactly in a wall between cells
-    /// belongs to those on its inner side
+    /// Only the cells that the surface cuts, instead of all that it encloses; a face exactly in a
+    /// wall between cells belongs to those on its inner side
     #[arg(long)]
     shell: bool,
-    /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is inside), touch (all of them) or area (each as
-    /// far as it is inside; of features the value that has the largest share of it) [default: centre]
+    /// Cells at the edge, which the surface or a polygon's side cuts: centre (those whose centre is
+    /// inside), touch (all of them) or area (each by its share inside; for features the value with
+    /// the largest share) [default: centre]
     #[arg(long, value_name = "RULE")]
     edge: Option<EdgeRule>,
-    /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an object, group or
-    /// material) [default: occupancy]; of points names of those that are kept, as in intensity,classification [default: all]
+    /// Attribute that cells have: occupancy (255 is full), colour, or part (the number of an
+    /// object, group or material) [default: occupancy]; of points names of those that are kept, as
+    /// in intensity,classification [default: all]
     #[arg(long, value_name = "NAME,...")]
     pub(super) attribute: Option<String>,
-    /// Axis that points up in the model, y or z; y is turned to z [default: z]
+    /// Axis that points up in the model, y or z; y is rotated to z [default: z]
     #[arg(long, value_name = "AXIS")]
     pub(super) up: Option<Up>,
-    /// Unit of the model's coordinates, where the file does not say: mm, cm, m, km, in or ft
+    /// Unit of the model's coordinates, if the file has none: mm, cm, m, km, in or ft
     #[arg(long, value_parser = UNITS)]
     pub(super) unit: Option<String>,
-    /// Print how the surface was read and what is inside
+    /// Print how the surface was read and what it encloses
     #[arg(long)]
     pub(super) stats: bool,
-    /// Keep the faces as they are, on a fine grid, instead of making cells: an exact model
+    /// Keep the faces unchanged, on a fine grid, instead of making cells: an exact model
     #[arg(long, conflicts_with_all = ["cells", "cell", "grid", "depth", "shell", "edge", "attribute", "share", "max_error"])]
     pub(super) brep: bool,
-    /// Faces that a cell may have and end, whatever their planes have in common; 0 divides cells until these have a
-    /// point in common, as in the literature [default: 12]; or points that a node may have and end [default: 50000], or pieces of lines [default: 1024]
+    /// Faces that a leaf may have, whatever their planes have in common; 0 splits nodes until their
+    /// faces have a common point, as in the literature [default: 12]; or points in a leaf node
+    /// [default: 50000], or line segments [default: 1024]
     #[arg(long, value_name = "N")]
     pub(super) leaf_size: Option<usize>,
-    /// Width of the steps that corners are moved to, such as 0.001 [default: the file's own grid, or the least power of two that
-    /// leaves about 2^24 steps along the longest side]
+    /// Width of the grid units that vertices are moved to, such as 0.001 [default: the file's own
+    /// grid, or the smallest power of two that leaves about 2^24 units along the longest side]
     #[arg(long, value_name = "WIDTH", requires = "brep")]
     pub(super) snap: Option<f64>,
-    /// Greatest distance of facets from the curved surfaces of primitives (.csg) that they stand for, such as 0.01 [default: a thousandth of
-    /// the longest side]
+    /// Maximum distance of facets from the curved surfaces of primitives (.csg), such as 0.01
+    /// [default: a thousandth of the longest side]
     #[arg(long, value_name = "DISTANCE", requires = "brep")]
     pub(super) deviation: Option<f64>,
     /// Close an open surface with triangles over its boundaries
     #[arg(long, requires = "brep")]
     pub(super) close: bool,
-    /// Resolve a surface that passes through itself, lies on itself, or is inside out: bodies that are inside out are turned, and
-    /// what bounds nothing goes. Its faces are held in memory
+    /// Repair a surface that intersects itself, overlaps itself, or is inside out: bodies that are
+    /// inside out are reversed, and faces that bound nothing are removed. Its faces are held in
+    /// memory
     #[arg(long, requires = "brep")]
     pub(super) repair: bool,
-    /// Places that a repaired surface has inside: nonzero (those that it goes around, as cells have it), positive (those that it goes
-    /// around once or more, counting bodies within bodies that are turned the other way as holes) or odd (those that it goes around an odd
-    /// number of times) [default: nonzero]
+    /// Inside rule of a repair: nonzero (points with a nonzero winding number, as in trees of
+    /// cells), positive (points with a positive winding number, so that reversed bodies within
+    /// bodies are holes) or odd (points with an odd winding number) [default: nonzero]
     #[arg(long, value_name = "RULE", requires = "repair")]
     pub(super) inside: Option<InsideRule>,
-    /// Leave out objects (city objects, groups of files that have objects, files) that are no bodies by themselves, and tell which and why:
-    /// open ones without --close, and ones that pass through themselves or are inside out without --repair
+    /// Leave out objects (city objects, groups of files that have objects, files) that are not
+    /// valid bodies, and report which and why: open ones without --close, and ones that intersect
+    /// themselves or are inside out without --repair
     #[arg(long, requires = "brep")]
     pub(super) skip_bad: bool,
 }
@@ -86,7 +92,7 @@ pub(in crate::cli) struct SolidArgs {
 #[derive(Clone, Debug, PartialEq)]
 struct Width(f64, Option<String>);
 
-/// Reads a width.
+/// Parses a width.
 fn parse_width(text: &str) -> Result<Width, String> {
     let end = text.find(|c: char| c.is_ascii_alphabetic() && c != 'e').unwrap_or(text.len());
     let (number, unit) = text.split_at(end);
@@ -97,13 +103,13 @@ fn parse_width(text: &str) -> Result<Width, String> {
     Ok(Width(number, (!unit.is_empty()).then(|| unit.to_string())))
 }
 
-/// Metres of a unit of length.
+/// Returns the length of a unit in metres.
 fn metres(unit: &str) -> Option<f64> {
     let units = [("mm", 0.001), ("cm", 0.01), ("m", 1.0), ("km", 1000.0), ("in", 0.0254), ("ft", 0.3048)];
     units.into_iter().find(|(name, _)| *name == unit).map(|(_, metres)| metres)
 }
 
-/// Options of the cells of a solid, however it is described.
+/// Options for the cells of a solid, from any kind of input.
 pub(super) const OF_CELLS: [&str; 14] = [
     "--cells",
     "--cell",
@@ -122,7 +128,7 @@ pub(super) const OF_CELLS: [&str; 14] = [
 ];
 
 impl SolidArgs {
-    /// Whether any of them was given, which makes no sense for pictures.
+    /// Whether any of these options was given: rasters reject them.
     pub(in crate::cli) fn are_given(&self) -> bool {
         let SolidArgs {
             cells,
@@ -154,10 +160,11 @@ impl SolidArgs {
             || *brep
     }
 
-    /// Options that are for features, too: cells along the longer side, their width, and the rule for edges.
+    /// Returns the options that are for features, too: cells along the longer side, their width,
+    /// and the rule for edges.
     ///
     /// # Errors
-    /// If something else was given.
+    /// If the width has a unit.
     pub(super) fn of_features(&self) -> Result<(Option<u64>, Option<f64>, Option<EdgeRule>)> {
         let cell = match &self.cell {
             Some(Width(_, Some(unit))) => {
@@ -171,7 +178,7 @@ impl SolidArgs {
         Ok((self.cells, cell, self.edge))
     }
 
-    /// An option that was given and is for exact models alone.
+    /// Returns the first given option that only exact models have.
     pub(super) fn of_exact_models(&self) -> Option<&'static str> {
         let given = [
             ("--leaf-size", self.leaf_size.is_some()),
@@ -184,7 +191,7 @@ impl SolidArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// An option that was given and is for the faces of models, which primitives have none of.
+    /// Returns the first given option for the faces of models, which primitives reject.
     pub(super) fn of_meshes(&self) -> Option<&'static str> {
         let given = [
             ("--leaf-size", self.leaf_size.is_some()),
@@ -197,14 +204,14 @@ impl SolidArgs {
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// Opens models, and plans how they become one solid.
+    /// Opens models, and plans one solid of them.
     pub(super) fn plan(&self, inputs: &[PathBuf], output: &Path, common: &Common) -> Result<SolidImport> {
         let models = spinney::raw::import::mesh::open_all_with(inputs, common.memory.bytes, &common.access)?;
         let unit = models.iter().find_map(|model| model.info().unit.clone());
         Ok(spinney::import::mesh::plan_models(models, &self.options(unit.as_deref(), output, common)?)?)
     }
 
-    /// The job of a solid of models.
+    /// Returns the job of a sharded build of a solid.
     pub(in crate::cli) fn job(
         &self,
         inputs: Vec<PathBuf>,
@@ -226,7 +233,7 @@ impl SolidArgs {
         Ok(JobSpec::Solid { inputs, options })
     }
 
-    /// The options for a solid with a unit of its own.
+    /// Returns the options for a solid. `unit` is the models' own unit.
     pub(super) fn options(&self, unit: Option<&str>, output: &Path, common: &Common) -> Result<SolidOptions> {
         let Common { depth, crs, memory, share, time, grid, .. } = common;
         let like = match grid {
@@ -251,7 +258,7 @@ impl SolidArgs {
         Ok(options)
     }
 
-    /// The resolution that is asked for; `depth` is that of the tree, and `unit` the models' own unit.
+    /// Returns the chosen resolution. `depth` is that of the tree, and `unit` the models' own unit.
     fn resolution(
         &self,
         depth: Option<u8>,
@@ -272,7 +279,7 @@ impl SolidArgs {
         Ok(depth.map_or(Resolution::Cells(self.cells.unwrap_or(256)), Resolution::Depth))
     }
 
-    /// Lines about what was built.
+    /// Returns lines about a solid that was built.
     pub(super) fn lines(&self, report: &SolidReport) -> Lines {
         let mut lines = vec![("surface", report.inside.text().to_string())];
         if report.cells == 0 {
@@ -323,7 +330,7 @@ impl SolidArgs {
     }
 }
 
-/// Lines about which tests decided whether faces cut octants.
+/// Returns lines about the filter stages of the tests between faces and octants.
 pub(super) fn stage_lines(stages: &Stages) -> Lines {
     let line = |(name, apart, cutting)| {
         (name, format!("decided {apart} times that an octant is not cut, {cutting} times that it is"))

@@ -1,4 +1,4 @@
-//! Plans of `spinney build` for points of surfaces.
+//! `spinney build` of triangulated surfaces from points.
 
 use std::path::PathBuf;
 
@@ -21,19 +21,20 @@ use super::{Common, Lines};
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = "Surfaces of points (features)")]
 pub(super) struct SurfaceArgs {
-    /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell); with --brep the layers between the surfaces of
-    /// several, from the top down
+    /// Triangulated surface (TIN) of points whose heights are an attribute, as a raster (--cell);
+    /// with --brep the layers between the surfaces of several attributes, from the top down
     #[arg(long, value_name = "ATTRIBUTE,...", value_delimiter = ',')]
     pub(super) tin: Option<Vec<String>>,
-    /// Lines that become edges of the triangles, such as faults and ridges: features, with an attribute z if they have a height of their own
+    /// Lines that become edges of the triangles, such as faults and ridges: features, with an
+    /// attribute z if they have their own heights
     #[arg(long, value_name = "FILE", requires = "tin")]
     breaklines: Option<PathBuf>,
-    /// Polygons outside of which there is no surface: features [default: the convex hull of the points]
+    /// Polygons that limit the surface: features [default: the convex hull of the points]
     #[arg(long, value_name = "FILE", requires = "tin")]
     outline: Option<PathBuf>,
 }
 
-/// Points that were read, and what is to be made of them.
+/// Points that were read, and what to build from them.
 pub(super) struct SurfaceImport {
     points: SurfacePoints,
     names: Vec<String>,
@@ -43,7 +44,7 @@ pub(super) struct SurfaceImport {
 }
 
 enum Target {
-    /// A raster with cells of a width.
+    /// A raster: cell width, memory limit in bytes, packing.
     Raster(f64, u64, Packing),
     Layers(LayerOptions),
 }
@@ -116,7 +117,7 @@ impl SurfaceArgs {
     }
 }
 
-/// Lines about points and lines.
+/// Returns lines about points and breaklines.
 fn told(report: &SurfaceReport) -> Lines {
     let counts = [
         ("duplicates", report.duplicates, "points are where another one is"),
@@ -137,11 +138,11 @@ impl SurfaceImport {
         &self.description
     }
 
-    /// Builds the file; returns lines about it.
+    /// Builds the file. Returns lines about it.
     pub(super) fn build(self, output: Output, progress: &dyn Progress) -> Result<Lines> {
         let SurfaceImport { points, names, target, provenance, .. } = self;
         let SurfacePoints { points, breaklines, outlines, crs, .. } = points;
-        // (What differs is told.)
+        // (The report counts points whose heights differ.)
         let duplicates = Duplicates::Mean;
         match target {
             Target::Raster(cell, memory, packing) => {

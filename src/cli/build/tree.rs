@@ -1,4 +1,4 @@
-//! `spinney build` of a tree: the same cells, with what options say.
+//! `spinney build` from a tree: the same cells, with the changes of the options.
 
 use std::path::{Path, PathBuf};
 
@@ -12,21 +12,21 @@ use super::super::open;
 use super::pictures::{PictureArgs, Transform};
 use super::{Common, Lines};
 
-/// A tree that is open, and what is to be made of it.
+/// An open tree, and the options for the new one.
 pub(super) struct TreeImport {
     tree: Dataset,
     options: BuildOptions,
     description: Lines,
 }
 
-/// A job of a tree, which has to be the only input.
+/// Returns the job of rebuilding a tree, which must be the only input.
 pub(in super::super) fn spec(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<JobSpec> {
     let input = only_tree(inputs, pictures, common)?;
     let other = rebuild(input, open(input, &common.access)?.header().form.axes(), pictures, common)?;
     Ok(JobSpec::Rebuild { input: input.into(), other, packing: common.packing.choice() })
 }
 
-/// The tree among the inputs, which has to be the only one, and for which all options are.
+/// Returns the path of the tree, which must be the only input. Fails for options that trees reject.
 fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common) -> Result<&'a Path> {
     let [input] = inputs else {
         bail!("a tree as an input is the only one; `spinney combine` lays trees over each other")
@@ -55,7 +55,7 @@ fn only_tree<'a>(inputs: &'a [PathBuf], pictures: &PictureArgs, common: &Common)
     Ok(input)
 }
 
-/// Properties that are to be other than in a tree of so many axes.
+/// Returns the properties to change in a tree with so many axes.
 fn rebuild(input: &Path, axes: usize, pictures: &PictureArgs, common: &Common) -> Result<Rebuild> {
     let name = input.display();
     let matrix = match (pictures.transform, axes) {
@@ -70,7 +70,7 @@ fn rebuild(input: &Path, axes: usize, pictures: &PictureArgs, common: &Common) -
 }
 
 impl TreeImport {
-    /// Opens the tree among the inputs, which has to be the only one.
+    /// Opens the tree, which must be the only input.
     pub(super) fn plan(inputs: &[PathBuf], pictures: &PictureArgs, common: &Common) -> Result<TreeImport> {
         let input = only_tree(inputs, pictures, common)?;
         let name = input.display();

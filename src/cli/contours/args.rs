@@ -28,13 +28,17 @@ of them. Several levels are objects in OBJ, and a property \"level\" of faces in
 GeoJSON has the coordinates of the file's own coordinate system; if that is not WGS 84, it is named in
 a member \"crs\", as in the format's version of 2008.";
 
-/// Write contour lines of a picture at any level of detail, the areas between them, or isosurfaces of an octree
+/// Write contour lines of a raster at any level of detail, the areas between them, or isosurfaces
+/// of an octree
 ///
-/// Of a surface of triangles (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes) lines are exact on these.
+/// Isolines of a triangulated surface (TIN: a PLY, OBJ or OFF file, such as `export --tin` writes)
+/// are exact.
 ///
-/// The values are those of the first channel. Parts of the tree whose extremes exclude all levels are not read. Lines have the attribute value; areas, which are polygons with holes,
-/// min and max. Memory does not grow with the picture's area, only, with --filled, with the number of holes in polygons that are not whole yet: lines
-/// that wait for their ends are put into a temporary file beside the output.
+/// The values are those of the first channel. Subtrees whose extremes exclude all levels are not
+/// read. Lines have the attribute value; areas, which are polygons with holes, min and max. Memory
+/// does not grow with the raster's area; with --filled it grows with the number of holes in
+/// polygons that are not complete yet. Incomplete lines are kept in a temporary file next to the
+/// output.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -45,27 +49,30 @@ pub(crate) struct Args {
     /// Value that --every counts from
     #[arg(long, value_name = "V", default_value_t = 0.0, allow_hyphen_values = true, requires = "every")]
     pub(super) base: f64,
-    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of an octree .ply, .obj, .stl or .off;
-    /// - is standard output
+    /// File to write: .geojson, .csv (well-known text), .svg, .gpkg, .fgb, .shp, .obj or .ply, of
+    /// an octree .ply, .obj, .stl or .off; with - standard output
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,
-    /// Format where the output's name does not say
+    /// Format, if the output's name does not say
     #[arg(long, value_parser = ["geojson", "csv", "svg", "gpkg", "fgb", "shp", "obj", "ply", "stl", "off"])]
     pub(super) format: Option<String>,
     /// Areas between neighbouring levels instead of lines
     #[arg(long)]
     pub(super) filled: bool,
-    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the cells as they were
+    /// Level of detail: 0 is one cell for everything, the file's depth (the default) is the
+    /// original cells
     #[arg(long)]
     pub(super) level: Option<u8>,
-    /// Ends of lines and surfaces near VOID cells; areas always go on to the edge of the last cells
+    /// Ends of lines and surfaces near VOID cells; areas always extend to the edge of the last
+    /// cells
     #[arg(long, value_name = "WHAT", default_value = "open", conflicts_with = "filled")]
     pub(super) ends: Ends,
-    /// Smooth lines: cut their corners so many times, which doubles their points each time (Chaikin 1974)
+    /// Smooth lines: number of corner-cutting passes, each of which doubles the points (Chaikin
+    /// 1974)
     #[arg(long, value_name = "TIMES", default_value_t = 0, conflicts_with = "filled")]
     #[arg(value_parser = clap::value_parser!(u8).range(0..=8))]
     pub(super) smooth: u8,
-    /// Points with a third coordinate: the value, of areas the least one
+    /// Points with a third coordinate: the value, of areas the minimum
     #[arg(long = "3d")]
     pub(super) has_z: bool,
     #[command(flatten)]
@@ -74,7 +81,7 @@ pub(crate) struct Args {
     pub(super) memory: Memory,
 }
 
-/// The values of lines.
+/// Values of the contour levels.
 #[derive(clap::Args)]
 #[group(required = true, multiple = false)]
 pub(super) struct LevelOptions {
@@ -88,10 +95,10 @@ pub(super) struct LevelOptions {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum Ends {
-    /// End: no line goes between four cells of which one is VOID, and no surface between eight
+    /// Stop: no line between four cells of which one is VOID, and no surface between eight
     Open,
-    /// Go on to the edge of the last cells and end there, as those of gdal_contour; lines only
+    /// Extend to the edge of the last cells, as in gdal_contour; lines only
     Extend,
-    /// Go on along the edge of the last cells, and of all, so that everything is closed
+    /// Continue along the edge of the last cells, and of the extent, so that everything is closed
     Close,
 }

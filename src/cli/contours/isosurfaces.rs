@@ -50,7 +50,7 @@ pub(super) fn run(
     Ok(())
 }
 
-/// The format that `--format` says, or else the output's name.
+/// Returns the format by `--format`, or else by the output's name.
 fn mesh_format(args: &Args) -> Result<MeshFormat> {
     let named = args.format.as_deref().map(|name| name.parse().ok());
     match named.unwrap_or_else(|| MeshFormat::of(&args.output)) {

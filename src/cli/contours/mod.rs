@@ -1,4 +1,5 @@
-//! `spinney contours`: lines of equal values, and the areas between them; of octrees, surfaces; of surfaces of triangles, isolines.
+//! `spinney contours`: contour lines of rasters, and the areas between them; isosurfaces of
+//! octrees; isolines of triangulated surfaces.
 
 mod args;
 mod isosurfaces;

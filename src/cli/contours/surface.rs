@@ -1,4 +1,4 @@
-//! `spinney contours` of a mesh file: isolines of a surface of triangles.
+//! `spinney contours` of a mesh file: isolines of a triangulated surface.
 
 use std::path::Path;
 use std::time::Instant;
@@ -14,7 +14,8 @@ use crate::cli::Global;
 use crate::cli::args::{check_output, vector_format};
 use crate::cli::report::{Work, report_output};
 
-/// Bytes that a triangle takes: its corners, and its part of the surface, whose triangles know their neighbours.
+/// Bytes per triangle: its vertices, and its entry in the surface, whose triangles store their
+/// neighbours.
 const TRIANGLE_BYTES: u64 = 200;
 
 fn check_memory(file: &Path, triangles: u64, memory: u64) -> spinney::Result<()> {

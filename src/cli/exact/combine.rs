@@ -14,7 +14,7 @@ use super::super::args::OutputLimit;
 use super::super::report::{Work, print_text, report_output};
 use super::{open, tell_result};
 
-/// Makes a model of several by a set operation.
+/// Merges several models into one by a set operation.
 pub(in crate::cli) fn combine(
     operation: CombineOperation,
     files: &[PathBuf],
@@ -43,7 +43,8 @@ pub(in crate::cli) fn combine(
     if explain { print_text(&table(operation)?) } else { Ok(()) }
 }
 
-/// The parts of the surfaces of two models with their indices, and what an operation makes of them.
+/// Returns the table of `--explain`: the surface fragments of two models with their indices, and
+/// which of them an operation keeps or reverses.
 fn table(operation: SetOperation) -> Result<String> {
     const SETS: [&str; 4] = ["both", "A only", "B only", "neither"];
     let has = |set: usize| if operation.index() >> set & 1 == 1 { "in" } else { "out" };
@@ -71,7 +72,7 @@ fn models(files: &[PathBuf], global: &Global) -> Result<Vec<ExactModel>> {
     for file in files {
         match open(file, global)? {
             Some(model) => models.push(model),
-            // (What cannot be read is told as such.)
+            // (A missing file gets its own message.)
             None if !file.exists() => bail!("{}: no such file", file.display()),
             None => bail!(
                 "{}: is no exact model, but others of the files are: make cells of those (`spinney build MODEL.goblin -o \
@@ -96,7 +97,7 @@ fn tell(report: &CombineReport, files: &[PathBuf], global: &Global) {
     tell_result(*after, report.is_unbounded, &report.built, global);
 }
 
-/// Whether any of some files is an exact model.
+/// Whether any of the files is an exact model.
 pub(in crate::cli) fn any_model(files: &[PathBuf], global: &Global) -> spinney::Result<bool> {
     any_file(files, &|file| spinney::raw::brep::is_model_file(file, global.access()))
 }

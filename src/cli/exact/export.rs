@@ -16,7 +16,7 @@ use super::super::args::check_output;
 use super::super::report::{Work, report_output};
 use super::chosen;
 
-/// Writes the faces of an exact model as they are.
+/// Writes the faces of an exact model unchanged.
 pub(crate) fn export(
     model: &ExactModel,
     path: &Path,

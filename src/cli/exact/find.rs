@@ -17,16 +17,16 @@ pub(crate) enum LeafKind {
     Full,
     /// Cut by faces of one plane
     Face,
-    /// Cut by faces whose planes have a line in common
+    /// Cut by faces whose planes have a common line
     Edge,
-    /// Cut by faces whose planes have a point in common
+    /// Cut by faces whose planes have a common point
     Vertex,
-    /// Cut by faces that have nothing in common
+    /// Cut by faces whose planes have nothing in common
     Boolean,
 }
 
 impl LeafKind {
-    /// The kind of a leaf; `None` of a node that is divided.
+    /// Returns the kind of a leaf; `None` for an inner node.
     fn of(state: ModelNodeState) -> Option<LeafKind> {
         Some(match state {
             ModelNodeState::Void => LeafKind::Void,
@@ -51,11 +51,11 @@ impl LeafKind {
     }
 }
 
-/// Lists the leaves of some kinds, by place.
+/// Lists the leaves of some kinds, in Z order.
 pub(crate) fn find(model: &ExactModel, kinds: &[LeafKind], is_json: bool, found: &mut Found) -> Result<()> {
     visit(model, &model.root()?, &mut |node| match LeafKind::of(node.state()) {
         Some(kind) if kinds.contains(&kind) => {
-            // (Depths are those that codes have.)
+            // (The octree of a model is never deeper than locational codes allow.)
             let code = Code::from_cell(Dimension::Oct, node.level(), node.position());
             let code = code.map_or(String::new(), |code| code.to_string());
             found.take(node.level(), &code, &|| line(model, node, &code, kind, is_json))
@@ -65,7 +65,8 @@ pub(crate) fn find(model: &ExactModel, kinds: &[LeafKind], is_json: bool, found:
     Ok(())
 }
 
-/// Visits a node and what is below in Z order, until there is enough; says whether to go on.
+/// Visits a node and its descendants in Z order, until `each` returns `false`. Returns whether to
+/// continue.
 fn visit(
     model: &ExactModel,
     node: &ModelNode<'_>,
@@ -82,7 +83,7 @@ fn visit(
     Ok(true)
 }
 
-/// A leaf as a line of text or a JSON object.
+/// Formats a leaf as a line of text or a JSON object.
 fn line(model: &ExactModel, node: &ModelNode<'_>, code: &str, kind: LeafKind, is_json: bool) -> String {
     let (level, position, kind, faces) = (node.level(), node.position(), kind.name(), node.faces().count());
     let world = node.world_box(model.grid());

@@ -12,7 +12,7 @@ use spinney::raw::store::Tag;
 use super::super::report::{print_json, print_text, shortened};
 use super::{list, space, unit};
 
-/// Tells what is in an exact model.
+/// Prints what an exact model contains.
 pub(crate) fn info(model: &ExactModel, is_json: bool) -> Result<()> {
     if is_json { print_json(&as_json(model)?) } else { print_text(&as_text(model)?) }
 }
@@ -51,13 +51,13 @@ fn as_json(model: &ExactModel) -> Result<serde_json::Value> {
     }))
 }
 
-/// Attributes of each part, and of the files that the model is of; nothing where nothing is said.
+/// Returns the attributes of each part and of the source files; null if there are none.
 fn attributes(model: &ExactModel) -> Result<serde_json::Value> {
     let files = model.file_attributes()?;
     if model.parts_with_attributes()? == 0 && files.is_empty() {
         return Ok(serde_json::Value::Null);
     }
-    // (A text that is no JSON is shown as it is.)
+    // (A string that is not JSON is returned as a JSON string.)
     let value = |text: &str| serde_json::from_str(text).unwrap_or_else(|_| json!(text));
     let mut parts = Vec::new();
     for (part, _) in (0..).zip(model.parts()) {
@@ -103,7 +103,7 @@ fn as_text(model: &ExactModel) -> Result<String> {
         writeln!(text, "  values      of faces: {}{more}", names.join(", "))?;
     }
     if let Some(formula) = model.formula()? {
-        // (Of many operations it is long.)
+        // (A formula of many operations is long.)
         writeln!(text, "  formula     {}", shortened(&formula, 14))?;
     }
     if let Some(crs) = &model.metadata().frame.crs {

@@ -1,4 +1,4 @@
-//! Parts of subcommands that are about exact models.
+//! The subcommands for exact models.
 
 mod combine;
 mod export;
@@ -31,7 +31,7 @@ pub(super) use point::{PointQuestion, points, rays};
 pub(super) use stats::{each, stats};
 pub(super) use transform::{Moving, transform};
 
-/// The exact model in a file; `None` if it has anything else.
+/// Opens the exact model in a file; `None` if the file has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<ExactModel>> {
     if !is_model_file(path, global.access())? {
         return Ok(None);
@@ -39,7 +39,8 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<ExactModel>> {
     Ok(Some(ExactModel::open(path, &global.access().into())?))
 }
 
-/// The exact model in a file as it is seen through steps; `None` if the file has anything else.
+/// Opens the exact model in a file, viewed through operations; `None` if the file has anything
+/// else.
 pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> Result<Option<ModelView>> {
     let Some(model) = open(path, global)? else { return Ok(None) };
     if steps.is_empty() {
@@ -58,7 +59,7 @@ pub(super) fn open_viewed(path: &Path, steps: &[ViewStep], global: &Global) -> R
     Ok(Some(view))
 }
 
-/// The parts of a model for which conditions hold, with their parts.
+/// Returns the parts of a model for which conditions hold, including child parts.
 ///
 /// # Errors
 /// If there is none.
@@ -70,10 +71,10 @@ fn chosen(model: &ExactModel, filter: &FeatureFilter) -> Result<BTreeSet<u32>> {
     Ok(found)
 }
 
-/// Name of such files in messages.
+/// Name of exact models in messages.
 pub(super) const KIND: &str = "an exact model";
 
-/// Fails if options were given that mean nothing for exact models.
+/// Fails for options that have no meaning for exact models.
 pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
     if let Some((name, _)) = options.iter().find(|(_, is_given)| *is_given) {
         bail!(
@@ -84,7 +85,7 @@ pub(super) fn refuse(path: &Path, options: &[(&str, bool)]) -> Result<()> {
     Ok(())
 }
 
-/// Tells how many faces a result has, and where its surface passes through itself.
+/// Reports a result's face count, and where its surface intersects itself.
 fn tell_result(faces: u64, is_unbounded: bool, built: &BuildReport, global: &Global) {
     let count = built.defect_count;
     if count > 0 {
@@ -98,18 +99,18 @@ fn tell_result(faces: u64, is_unbounded: bool, built: &BuildReport, global: &Glo
     global.report("result", format_args!("{faces} faces{far}"));
 }
 
-/// The unit of length of a model's coordinates, where it is known, with a blank before it.
+/// Returns the length unit of a model's coordinates, with a leading blank; empty if unknown.
 fn unit(model: &ExactModel) -> String {
     model.metadata().tag(Tag::Unit).map_or(String::new(), |unit| format!(" {unit}"))
 }
 
-/// A coordinate for people and programs: the number that it is, with few digits where they say the same.
+/// Formats a point, with the shortest digits that denote its coordinates exactly.
 fn list(point: [f64; 3]) -> String {
     let [x, y, z] = point;
     format!("{x}, {y}, {z}")
 }
 
-/// Least and greatest corners of the grid in the world.
+/// Returns the minimum and maximum corner of the grid in the world.
 fn space(model: &ExactModel) -> [[f64; 3]; 2] {
     let grid = model.grid();
     [grid.to_world([0; 3]), grid.to_world([(1 << grid.bits) - 1; 3])]

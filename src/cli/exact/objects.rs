@@ -12,7 +12,7 @@ use spinney::raw::import::mesh;
 use super::super::Global;
 use super::super::report::{Found, Work};
 
-/// Lists the objects with a name, mostly one.
+/// Lists the objects with a name, usually one.
 pub(crate) fn find_object(
     view: &ModelView,
     name: &str,
@@ -47,9 +47,10 @@ pub(crate) fn find_object(
     Ok(())
 }
 
-/// Names that are most like one: those that it is a part of, or that are a part of it, then those that begin like it.
+/// Returns the names that are most similar to one: first those that contain it or that it contains,
+/// then those with the longest common prefix.
 fn near_names<'a>(names: &'a [String], name: &str) -> Vec<&'a str> {
-    /// Names that are told.
+    /// Maximum number of names.
     const MOST: usize = 5;
     let name = name.to_lowercase();
     let likeness = |other: &String| {
@@ -63,7 +64,7 @@ fn near_names<'a>(names: &'a [String], name: &str) -> Vec<&'a str> {
     near.into_iter().take(MOST).map(String::as_str).collect()
 }
 
-/// A line about an object; its volume is left out where its unit is not known.
+/// Formats an object as a line of text; without its volume if the unit is unknown.
 fn object_as_text(
     part: u32,
     name: &str,
@@ -86,7 +87,7 @@ fn object_as_json(
     about: &Option<String>,
 ) -> String {
     let closed = measures.filter(|own| own.is_closed);
-    // (A text that is no JSON is shown as it is.)
+    // (A string that is not JSON is returned as a JSON string.)
     let about = about.as_deref().map(|text| serde_json::from_str(text).unwrap_or_else(|_| Value::from(text)));
     let object = json!({
         "part": part,
@@ -101,7 +102,8 @@ fn object_as_json(
     object.to_string()
 }
 
-/// Lists the pairs of objects of an exact model, or else of a mesh file on a grid of such steps, that overlap or touch.
+/// Lists the pairs of objects that overlap or touch, in an exact model, or else in a mesh file on a
+/// grid of unit width `snap`.
 pub(crate) fn find_contacts(
     view: Option<&ModelView>,
     file: &Path,

@@ -9,21 +9,22 @@ use spinney::raw::brep::ModelView;
 
 use super::super::report::PrintableWriter;
 
-/// Points that are answered at a time.
+/// Points that are located together.
 const BATCH: usize = 1 << 16;
 
-/// Question about points.
+/// A query of points.
 #[derive(Clone, Copy)]
 pub(crate) enum PointQuestion {
-    /// Where they lie.
+    /// Their location: inside, boundary or outside.
     Place,
-    /// Where they lie, and the object of the surface that is nearest.
+    /// Their location, and the object with the nearest face.
     Object,
-    /// How far the surface is.
+    /// Their distance from the surface.
     Distance,
 }
 
-/// Answers for each point, given in the world: those of the command line, or of standard input if there are none.
+/// Prints a result for each point, given in the world: points of the command line, or of standard
+/// input if there are none.
 pub(crate) fn points(view: &ModelView, points: &[String], question: PointQuestion) -> Result<()> {
     each_batch(view, points, "X,Y,Z", &mut |points, _, out| match question {
         PointQuestion::Place => answer(view, points, out),
@@ -32,7 +33,7 @@ pub(crate) fn points(view: &ModelView, points: &[String], question: PointQuestio
     })
 }
 
-/// Says where rays, each an origin and a direction in the world, pass through the surface: first, or everywhere.
+/// Prints the hits of rays, each an origin and a direction in the world: the first hit, or all.
 pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()> {
     let mut is_begun = false;
     each_batch(view, rays, "X,Y,Z,DX,DY,DZ", &mut |rays: &[[f64; 6]], first, out| {
@@ -48,10 +49,12 @@ pub(crate) fn rays(view: &ModelView, rays: &[String], is_all: bool) -> Result<()
     })
 }
 
-/// Function that answers some lines of so many numbers, of which the first has a number.
+/// Function that prints results for lines of `N` numbers. The second argument is the first line's
+/// number.
 type Answer<'a, const N: usize> = dyn FnMut(&[[f64; N]], u64, &mut dyn Write) -> Result<()> + 'a;
 
-/// Reads lines of numbers, those of the command line, or of standard input if there are none, and answers some at a time.
+/// Reads lines of numbers of the command line, or of standard input if there are none, and
+/// processes them in batches.
 fn each_batch<const N: usize>(
     view: &ModelView,
     lines: &[String],
@@ -90,7 +93,7 @@ fn parse<const N: usize>(line: &str, from: &str, number: u64, wanted: &str) -> R
         .collect::<Option<_>>()
         .ok_or_else(wrong)?;
     let numbers: [f64; N] = numbers.try_into().map_err(|_| wrong())?;
-    // (A direction that leads nowhere is none.)
+    // (A zero direction is invalid.)
     if N == 6 && numbers[3..].iter().all(|along| *along == 0.0) { Err(wrong()) } else { Ok(numbers) }
 }
 
@@ -143,7 +146,7 @@ fn answer_distances(view: &ModelView, points: &[[f64; 3]], out: &mut dyn Write) 
     distances.into_iter().try_for_each(|distance| Ok(writeln!(out, "{}", distance?)?))
 }
 
-/// Lines about what rays meet, of which the first has a number.
+/// Formats the hits of rays. `first` is the first ray's number.
 fn answer_rays(view: &ModelView, rays: &[[f64; 6]], first: u64, is_all: bool) -> spinney::Result<Vec<u8>> {
     let (mut text, mut caster) = (Vec::new(), view.rays());
     for ([x, y, z, u, v, w], ray) in rays.iter().zip(first..) {

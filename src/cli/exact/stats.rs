@@ -21,7 +21,8 @@ use super::super::args::{check_output, vector_format};
 use super::super::report::{Work, print_json, print_text, printed_output, report_output, warn};
 use super::{chosen, list, unit};
 
-/// Measures an exact model: volume, centre, moments, surface, and its topology where that fits into so much memory.
+/// Prints the measures of an exact model: volume, centre, moments, surface, and its topology if it
+/// fits into the memory limit.
 pub(crate) fn stats(view: &ModelView, memory: u64, is_json: bool, global: &Global) -> Result<()> {
     let work = Work::start(global, "faces")?;
     let (mass, model) = (view.mass(&work)?, view.file());
@@ -42,7 +43,8 @@ pub(crate) fn stats(view: &ModelView, memory: u64, is_json: bool, global: &Globa
     }
 }
 
-/// Writes a table of the objects of an exact model for which conditions hold: to standard output as CSV, if no file is given.
+/// Writes a table of the objects of an exact model for which conditions hold: to standard output as
+/// CSV, if no file is given.
 pub(crate) fn each(
     view: &ModelView,
     filter: FeatureFilter,

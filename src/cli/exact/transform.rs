@@ -14,14 +14,14 @@ use super::super::args::OutputLimit;
 use super::super::report::{Work, report_output};
 use super::{tell_result, unit};
 
-/// A model that is moved, and how.
+/// A model, and the operations that transform it.
 pub(in crate::cli) struct Moving<'a> {
     pub(in crate::cli) model: &'a ExactModel,
     pub(in crate::cli) steps: &'a [ViewStep],
     pub(in crate::cli) options: TransformOptions,
 }
 
-/// Makes a model of another one by steps.
+/// Writes a transformed model.
 pub(in crate::cli) fn transform(
     moving: Moving<'_>,
     path: &Path,
@@ -51,7 +51,7 @@ pub(in crate::cli) fn transform(
     Ok(())
 }
 
-/// Steps, one after the other, as a map of the world.
+/// Returns the composition of the operations as a map of the world.
 pub(super) fn motion(steps: &[ViewStep]) -> Result<Motion> {
     let map =
         steps.iter().try_fold(AffineMap::IDENTITY, |map, step| step.as_map().map(|next| map.then(&next)))?;

@@ -1,4 +1,4 @@
-//! Freeman chain codes of regions of classes, and of lines.
+//! Freeman chain codes of class regions, and of lines.
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -19,16 +19,18 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Chain codes (.chain)")]
 pub(super) struct ChainOptions {
-    /// Directions of steps: 4, along the sides of cells, or 8, from cell to cell at the borders of regions [default: 4; of lines 8]
+    /// Chain directions: 4, along the sides of cells, or 8, from cell to cell at the borders of
+    /// regions [default: 4; of lines 8]
     #[arg(long, value_name = "4|8")]
     directions: Option<ChainDirections>,
-    /// Lines of a file of features instead of regions, as chains of the cells that are nearest to them, of class 1; the tree tells which cells
+    /// Lines of a feature file instead of regions, as chains of their nearest cells, of class 1;
+    /// the tree has the grid of the cells
     #[arg(long, value_name = "FILE")]
     lines: Option<PathBuf>,
 }
 
 impl ChainOptions {
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [("--directions", self.directions.is_some()), ("--lines", self.lines.is_some())];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
@@ -69,7 +71,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Writes the lines of a file; returns their number and that of their chains.
+/// Writes the lines of a file. Returns the number of lines and of chains.
 fn write_lines(
     file: &Path,
     tree: &Dataset,
@@ -81,7 +83,7 @@ fn write_lines(
     let mut reader =
         open_features(file, &FeatureOptions { attributes: Some(Vec::new()), ..FeatureOptions::default() })?;
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
-    // (Where one of both does not tell where it is, they are taken to be in the same place.)
+    // (If one of both has no coordinate system, both are assumed to have the same.)
     let told = reader.schema().crs.clone().filter(|_| frame.crs.is_some());
     let coordinates = told.map_or(Coordinates::World, Coordinates::System);
     let places = CellLocator::new(&coordinates, &frame, tree.extent_at(level).max)?;
@@ -98,7 +100,7 @@ fn write_lines(
                 FeatureGeometry::Lines(lines) => {
                     for line in lines {
                         count += 1;
-                        // (A line is not drawn through what the tree's system does not have.)
+                        // (A line is split where the tree's system cannot represent its points.)
                         let cells: Vec<_> = line.iter().map(|[x, y]| places.cell([*x, *y, 0.0])).collect();
                         for part in cells.split(Option::is_none).filter(|part| !part.is_empty()) {
                             let corners: Vec<[f64; 2]> =

@@ -1,4 +1,4 @@
-//! A picture as a cloud-optimized GeoTIFF.
+//! A raster as a cloud-optimized GeoTIFF.
 
 use std::time::Instant;
 
@@ -16,17 +16,18 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Cloud-optimized GeoTIFF")]
 pub(super) struct CogOptions {
-    /// Compression of tiles; nothing is lost by any [default: deflate]
+    /// Compression of tiles, always lossless [default: deflate]
     #[arg(long, value_name = "METHOD")]
     compression: Option<Compression>,
-    /// Number that means VOID (nodata); an error if it lies within the values [default: the layer's own if no value can be equal to it, else a free number, else a mask]
+    /// Nodata number for VOID; an error if it lies within the values [default: the layer's own if
+    /// no value can be equal to it, else a free number, else a mask]
     #[arg(long, allow_hyphen_values = true)]
     nodata: Option<Number>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Compression {
-    /// Every reader of TIFF knows it
+    /// All TIFF readers support it
     Deflate,
     /// Smaller and faster, for newer readers
     Zstd,
@@ -34,7 +35,7 @@ enum Compression {
 }
 
 impl CogOptions {
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         let nodata = self.nodata.map(|_| "--nodata");
         self.compression.map(|_| "--compression").or(nodata)

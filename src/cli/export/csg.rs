@@ -1,4 +1,4 @@
-//! The text of primitives that a solid was made of.
+//! The CSG text that a solid was built from.
 
 use std::io::Write as _;
 use std::time::Instant;
@@ -27,7 +27,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
         let mut output = global.access().create(path)?;
         output.write_all(text.as_bytes()).map_err(spinney::Error::io(path, "write the text"))?;
         output.commit()?;
-        // (Operations and edits leave tags as they are, and say what they did.)
+        // (Operations and edits keep tags unchanged, and add to the provenance.)
         if let [_, later @ ..] = &metadata.provenance[..]
             && !later.is_empty()
         {

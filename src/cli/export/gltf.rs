@@ -17,13 +17,14 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "3D Tiles and glTF")]
 pub(super) struct GltfArgs {
-    /// Compress vertices and triangles (EXT_meshopt_compression): smaller, for readers that know it
+    /// Compress vertices and triangles (EXT_meshopt_compression): smaller, for readers that support
+    /// it
     #[arg(long)]
     meshopt: bool,
 }
 
 impl GltfArgs {
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         self.meshopt.then_some("--meshopt")
     }
@@ -35,7 +36,7 @@ impl GltfArgs {
     }
 }
 
-/// The tree, what is asked of it, and the work to show.
+/// Opens the tree. Returns it with the request and the progress display.
 fn start(args: &Args, what: &str, global: &Global) -> Result<(Dataset, MeshRequest, Work)> {
     if exact::open(&args.tree.file, global)?.is_some() {
         exact::refuse(&args.tree.file, &[(what, true)])?;

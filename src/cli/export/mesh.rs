@@ -15,24 +15,27 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Meshes of octrees")]
 pub(super) struct MeshOptions {
-    /// Level of detail: the file's depth (the default) is the cells as they are. A coarser cell is solid if
-    /// it is at least half full (rule occupancy), or if anything is in it (other rules)
+    /// Level of detail: the file's depth (the default) is the original cells. A coarser cell is
+    /// solid if it is at least half full (rule occupancy), or if any cell below it is not VOID
+    /// (other rules)
     #[arg(long)]
     pub(super) level: Option<u8>,
-    /// Smooth surface: where cells are half full (surface nets; every edge has two faces), instead of the cells' faces
+    /// Smooth surface: where cells are half full (surface nets; every edge has two faces), instead
+    /// of the cells' faces
     #[arg(long)]
     pub(super) smooth: bool,
     /// Triangles only, in PLY, OBJ and OFF too; also of exact models
     #[arg(long)]
     pub(super) triangles: bool,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; of exact
-    /// models objects, with their parts, where id and type count as attributes
+    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
+    /// or >= between an attribute and a value; of exact models objects, with their parts, where id
+    /// and type count as attributes
     #[arg(long = "where", value_name = "CONDITION,...")]
     pub(super) filter: Option<FeatureFilter>,
 }
 
 impl MeshOptions {
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
             ("--level", self.level.is_some()),

@@ -1,5 +1,5 @@
-//! `spinney export`: trees as files of other programs. Each kind of them has a module with its own options; the
-//! output's name chooses between them.
+//! `spinney export`: writes trees in other programs' formats. Each kind of format has a module with
+//! its own options. The output's name selects the module.
 
 mod chain;
 mod cog;
@@ -21,44 +21,52 @@ use spinney::raw::export::tiles::TileTarget;
 use super::Global;
 use super::args::{OutputFile, PartOptions, ViewedTree};
 
-/// Write a tree as a file of other programs: tiles or a cloud-optimized GeoTIFF of a picture, polygons or chain codes of classes, a mesh of a solid
+/// Write a tree in the format of other programs: tiles or a cloud-optimized GeoTIFF of a raster,
+/// polygons or chain codes of classes, a mesh of a solid
 ///
-/// The output's name says what is written, or else --format: .tif, .pmtiles, .mbtiles or a pattern such as 'map/{z}/{x}/{y}.png' of
-/// pictures; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D Tiles) of solids, of exact models .city.json, too; .csg is the text of
-/// primitives that a solid was built of; .html is a page that shows any of them.
+/// The output's name selects the format, or else --format: .tif, .pmtiles, .mbtiles or a pattern
+/// such as 'map/{z}/{x}/{y}.png' for rasters; .ply, .obj, .stl, .off, .glb or 'x/tileset.json' (3D
+/// Tiles) for solids, for exact models .city.json, too; .csg is the CSG text that a solid was built
+/// from; .html is a page that shows any of them.
 ///
-/// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the tree's statistics, palette,
-/// names and coordinate system.
+/// A cloud-optimized GeoTIFF (.tif) has the tree's own levels as its overviews, in tiles, with the
+/// tree's statistics, palette, names and coordinate system.
 ///
-/// Tiles are squares of the world in web mercator, zoom by zoom: an archive (.pmtiles, .mbtiles), or a folder with a file
-/// for each, by a pattern with {z}, {x} and {y}. Empty tiles are left out, and equal ones are stored once. Memory does not grow with
-/// their number. An interrupted export leaves nothing, or, with --resume, what the next one goes on with.
+/// Tiles are squares of the world in web mercator, zoom by zoom: an archive (.pmtiles, .mbtiles),
+/// or a directory with a file for each, by a pattern with {z}, {x} and {y}. Empty tiles are left
+/// out, and equal ones are stored once. Memory does not grow with their number. A cancelled export
+/// leaves nothing, or, with --resume, what the next one continues from.
 ///
-/// With --polygons the regions of a tree of classes become polygons (.geojson, .gpkg, .fgb, .shp, .csv or .svg), exactly along the sides of cells, with holes:
-/// one for each region whose cells have edges in common, of any level and view.
+/// With --polygons the regions of a tree of classes become polygons (.geojson, .gpkg, .fgb, .shp,
+/// .csv or .svg), exactly along the sides of cells, with holes: one for each connected region,
+/// whose cells share edges, of any level and view.
 ///
-/// Freeman chain codes (.chain) of the same regions are a text: of each its class, where its chain of steps around it begins, the chain, and those of
-/// its holes; `build` makes the tree again. docs/chain_codes.md has the grammar.
+/// Freeman chain codes (.chain) of the same regions are a text format: the class of each region,
+/// the start of its chain, the chain, and the chains of its holes; `build` makes the tree again.
+/// docs/chain_codes.md has the grammar.
 ///
-/// With --tin a raster becomes a surface of few triangles (.ply, .obj or .off) whose heights are off by at most so much at each cell; `contours` has
-/// its isolines.
+/// With --tin a raster becomes a surface of few triangles (.ply, .obj or .off) whose height error
+/// at each cell is limited; `contours` has its isolines.
 ///
-/// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its coordinates are those of
-/// the world. By default it has the outer faces of the cells, merged to rectangles; where rectangles of different
-/// sizes meet, a face has the corners of its neighbours as points of its own. Memory does not grow with the
-/// mesh.
+/// A mesh of an octree is closed, its faces are counterclockwise seen from outside, and its
+/// coordinates are those of the world. By default it has the outer faces of the cells, merged to
+/// rectangles; where rectangles of different sizes meet, a face has its neighbours' corners as
+/// vertices of its own. Memory does not grow with the mesh.
 ///
-/// For viewers, x/tileset.json is 3D Tiles 1.1: the octree in tiles of 64 cells, level by level, in a new folder; x.glb is one level as
-/// binary glTF. Both have normals, colours, and classes as features; the tiles lie on the globe if the file's coordinate system is known.
+/// For viewers, x/tileset.json is 3D Tiles 1.1: the octree in tiles of 64 cells, level by level, in
+/// a new directory; x.glb is one level as binary glTF. Both have normals, colours, and classes as
+/// features; the tiles lie on the globe if the file's coordinate system is known.
 ///
-/// Of an exact model the faces are written as they are, polygons with holes too, and as CityJSON (.city.json) as well.
+/// The faces of an exact model are written unchanged, including polygons with holes, and as
+/// CityJSON (.city.json) as well.
 ///
-/// A page (.html) shows the file in a browser: maps with legends, styles and the exact statistics of polygons, solids and exact models in three
-/// dimensions. It needs no server but a host of files that answers ranges: the page, a folder `assets` and a copy of the file stand beside each
-/// other. With --self-contained it is one file.
+/// A page (.html) shows the file in a browser: maps with legends, styles and the exact statistics
+/// of polygons, solids and exact models in three dimensions. It needs only a web server with range
+/// requests, which has the page, a directory `assets` and a copy of the file next to each other.
+/// With --self-contained it is one file.
 ///
-/// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and has colours of
-/// faces; STL is binary, in single precision.
+/// PLY is binary and has colours and classes as properties of faces; OBJ is text; OFF is text and
+/// has colours of faces; STL is binary, in single precision.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -66,7 +74,8 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     output: OutputFile,
-    /// Format where the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json, csg or html
+    /// Format, if the output's name does not say: tif, chain, ply, obj, stl, off, glb, city.json,
+    /// csg or html
     #[arg(long)]
     format: Option<Target>,
     #[command(flatten)]
@@ -91,7 +100,7 @@ pub(crate) struct Args {
     page: page::PageOptions,
 }
 
-/// Options of all pictures in tiles.
+/// Options of all tiled rasters.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Pictures in tiles")]
 struct TileOptions {
@@ -101,13 +110,13 @@ struct TileOptions {
 }
 
 impl TileOptions {
-    /// The first option that was given.
+    /// Returns the first given option.
     fn given(&self) -> Option<&'static str> {
         self.tile_size.map(|_| "--tile-size")
     }
 }
 
-/// Reads the size of a tile.
+/// Parses the size of a tile.
 fn parse_tile_size(text: &str) -> Result<u32, &'static str> {
     match text {
         "256" => Ok(256),
@@ -136,8 +145,8 @@ const EXAMPLES: &str = "Examples:
   spinney export city.goblin quarter.ply --view window=0,256,0,512,512,64
   spinney export bunny.goblin - --format stl > bunny.stl";
 
-/// Kinds of files that are exported: a new one is a module, a line here, one in [`Target::of`] and [`FromStr`], and one in
-/// [`run`].
+/// Output formats. A new one is a module, a variant here, an arm in [`Target::of`] and [`FromStr`],
+/// and one in [`run`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Target {
     /// Chain codes.
@@ -147,14 +156,14 @@ enum Target {
     /// 3D Tiles.
     Tileset,
     Glb,
-    /// The text of primitives that it was made of.
+    /// The CSG text that it was built from.
     Csg,
     /// A page that shows it in a browser.
     Page,
 }
 
 impl Target {
-    /// The kind of a file by its name.
+    /// Returns the format of a file by its name.
     fn of(path: &Path) -> Option<Target> {
         if path.file_name()? == "tileset.json" {
             return Some(Target::Tileset);

@@ -13,17 +13,18 @@ use super::super::args::check_output;
 use super::super::report::{Work, report_output};
 use super::Args;
 
-/// Options of pages alone.
+/// Options of pages only.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Pages")]
 pub(super) struct PageOptions {
-    /// Put everything into the one file, the data too (at most 64 MiB), so that it opens from a disk
+    /// Put everything into one file, including the data (at most 64 MiB), so that it opens from a
+    /// disk
     #[arg(long)]
     self_contained: bool,
 }
 
 impl PageOptions {
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         self.self_contained.then_some("--self-contained")
     }
@@ -37,7 +38,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     }
     let (file, path) = (&args.tree.file, args.output.path());
     check_output([file.as_path()], path)?;
-    // (So that what is damaged is told of here, and not by the page.)
+    // (Opening the file reports corruption here, not in the page.)
     if args.tree.open_model(global)?.is_none() {
         args.tree.open_any_layer(global)?;
     }

@@ -1,4 +1,4 @@
-//! Regions of a tree of classes as polygons.
+//! Class regions as polygons.
 
 use std::time::Instant;
 
@@ -19,29 +19,31 @@ use super::Args;
     next_help_heading = "Regions of classes: polygons (GeoJSON, GeoPackage, FlatGeobuf, shapefile, CSV, SVG) and chain codes (.chain)"
 )]
 pub(super) struct PolygonOptions {
-    /// Regions of cells of one class that have edges in common, a polygon each, with class, name, colour, number of cells and area
+    /// Connected regions of one class, whose cells share edges, as polygons with class, name,
+    /// colour, number of cells and area
     #[arg(long)]
     pub(super) polygons: bool,
-    /// Values equal to these alone, as in 3,4
+    /// Values equal to these only, as in 3,4
     #[arg(long = "class", value_name = "VALUE,...", value_delimiter = ',')]
     pub(super) classes: Option<Vec<Number>>,
-    /// Neighbours that a cell hangs together with: 4, those that it shares an edge with, or 8, also across corners, which makes several
-    /// polygons of a region that touch there [default: 4]
+    /// Neighbours of a cell in its region: 4, those that share an edge, or 8, also across corners,
+    /// which makes several polygons of a region that touch there [default: 4]
     #[arg(long, value_name = "N")]
     connect: Option<Connectivity>,
-    /// Distance that borders may be moved by to have fewer corners, in units of the tree's coordinates; neighbours keep the same border
+    /// Maximum distance for simplifying borders, in units of the tree's coordinates; neighbours
+    /// keep the same border
     #[arg(long, value_name = "DISTANCE", requires = "polygons")]
     simplify: Option<f64>,
 }
 
 impl PolygonOptions {
-    /// The first option of any regions that was given.
+    /// Returns the first given option for regions in any format.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [("--class", self.classes.is_some()), ("--connect", self.connect.is_some())];
         given.into_iter().find(|(_, given)| *given).map(|(name, _)| name)
     }
 
-    /// What is asked of regions of a tree at a level.
+    /// Returns the request for regions of a tree at a level.
     pub(super) fn request(&self, level: u8) -> Result<PolygonRequest> {
         let mut request = PolygonRequest::new();
         let connect = self.connect.map_or(4, Connectivity::neighbours);

@@ -1,4 +1,4 @@
-//! `spinney export` to tiles: archives, and folders of files.
+//! `spinney export` to tiles: archives, and directories of files.
 
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -15,57 +15,61 @@ use super::super::args::{check_output, expand_lists, parse_style};
 use super::super::report::{Work, report_output};
 use super::Args;
 
-/// Options of tiles alone.
+/// Options of tiles only.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Tiles of web maps")]
 pub(super) struct ArchiveOptions {
-    /// Zooms, the first and the last: 0..6; up to that with about the file's own cells if nothing is said
+    /// Zooms, the first and the last: 0..6 [default: up to that with about the file's own cells]
     #[arg(long, value_parser = parse_zooms, value_name = "A..B")]
     zoom: Option<RangeInclusive<u8>>,
-    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file of that [default: the file's own]
+    /// Colours: a style's name (viridis, hillshade ...), its JSON, or a file of that [default: the
+    /// file's own]
     #[arg(long, value_name = "STYLE", value_parser = parse_style)]
     style: Option<Style>,
-    /// Kind of tiles in an archive: png, webp, jpg, npy or tif (the last two have the samples as they are)
+    /// Kind of tiles in an archive: png, webp, jpg, npy or tif (the last two have the unchanged
+    /// samples)
     #[arg(long, value_name = "FORMAT")]
     tile_format: Option<TileFormat>,
     /// Effort of PNG, from 1 (fast) to 9 (small)
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=9))]
     png_effort: Option<u8>,
-    /// Quality of JPEG, from 1 to 100 (85 if nothing is said); also of WebP in programs built with libwebp, which is without loss
-    /// otherwise
+    /// Quality of JPEG, from 1 to 100 [default: 85]; also of WebP in programs built with libwebp,
+    /// which is lossless otherwise
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=100))]
     quality: Option<u8>,
     /// Resampling, from files on other grids: nearest, bilinear, cubic, area or majority [default:
-    /// nearest class or bilinear amounts; majority or area where pixels are more than 1.5 times as large as cells]
+    /// nearest for classes, bilinear for continuous values; majority or area where pixels are more
+    /// than 1.5 times as large as cells]
     #[arg(long, value_name = "WAY")]
     resampling: Option<Resampling>,
-    /// Take datums for WGS 84 whose shift to it is unknown or needs a grid
+    /// Treat datums whose shift to WGS 84 is unknown or needs a grid as WGS 84
     #[arg(long)]
     allow_ballpark: bool,
-    /// Name of the map; the file's if nothing is said
+    /// Name of the map [default: the file's]
     #[arg(long)]
     name: Option<String>,
-    /// Whose data the map has, as text or HTML
+    /// Attribution of the map's data, as text or HTML
     #[arg(long)]
     attribution: Option<String>,
-    /// Leave what an interrupted export has done as X.partial, and go on with it
+    /// Keep the state of an incomplete export as X.partial, and continue from it
     #[arg(long)]
     resume: bool,
-    /// Bring what was exported from an older commit of the file up to date: only what edits have touched is drawn. The output
-    /// itself, or of .pmtiles another archive that the rest is copied from
+    /// Update an export of an older commit of the file: only tiles that edits have changed are
+    /// drawn. The output itself, or of .pmtiles another archive to copy the other tiles from
     #[arg(long, value_name = "OLD", num_args = 0..=1, conflicts_with = "resume")]
     update: Option<Option<PathBuf>>,
-    /// File that the archive was made of, if it is no commit of the same file
+    /// File that the archive was made from, if it is not a commit of the same file
     #[arg(long, value_name = "FILE", requires = "update")]
     since: Option<PathBuf>,
-    /// Draw all tiles of an update anew, with the style and the percentiles of now; without this, colours keep the numbers that
-    /// percentiles were when the archive was made
+    /// Draw all tiles of an update again, with the current style and percentiles; without this
+    /// option, colours keep the numbers of the percentiles at the time when the archive was made
     #[arg(long, requires = "update")]
     restyle: bool,
-    /// One of N parts of the tiles is written alone, the one with the number K, from 0, to an archive (.pmtiles), so that other processes write the others
+    /// Write only one of N shards of the tiles, with index K from 0, to an archive (.pmtiles), so
+    /// that other processes write the others
     #[arg(long, value_name = "K/N", conflicts_with_all = ["update", "parts"])]
     part: Option<TilePart>,
-    /// Archives of all parts, in any order: tiles are put together of these, and none is drawn
+    /// Archives of all shards, in any order: their tiles are merged, and none is drawn
     #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["update"])]
     parts: Vec<PathBuf>,
 }
@@ -80,17 +84,17 @@ fn parse_zooms(text: &str) -> Result<RangeInclusive<u8>, String> {
 }
 
 impl ArchiveOptions {
-    /// The style, if one was given.
+    /// Returns the style, if one was given.
     pub(super) fn style(&self) -> Option<&Style> {
         self.style.as_ref()
     }
 
-    /// The name of the map, if one was given.
+    /// Returns the name of the map, if one was given.
     pub(super) fn name(&self) -> Option<&str> {
         self.name.as_deref()
     }
 
-    /// The first option that was given.
+    /// Returns the first given option.
     pub(super) fn given(&self) -> Option<&'static str> {
         let all = [
             ("--zoom", self.zoom.is_some()),
@@ -113,7 +117,7 @@ impl ArchiveOptions {
     }
 }
 
-/// The part whose tiles are written, in degrees: west, south, east, north.
+/// Returns the region to export, in degrees: west, south, east, north.
 fn degrees(args: &Args, tree: &Dataset) -> Result<Option<[f64; 4]>> {
     if let Some(degrees) = args.part.degrees() {
         return Ok(Some(degrees));

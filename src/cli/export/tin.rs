@@ -16,7 +16,7 @@ use super::Args;
 #[derive(clap::Args)]
 #[command(next_help_heading = "Surfaces of rasters (PLY, OBJ, OFF)")]
 pub(super) struct TinOptions {
-    /// Triangulated surface (TIN) of a raster, whose height at the centre of each cell is off by at most so much
+    /// Triangulated surface (TIN) of a raster, with at most this height error at each cell's centre
     #[arg(long, value_name = "ERROR")]
     pub(super) tin: Option<f64>,
 }

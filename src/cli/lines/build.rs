@@ -1,4 +1,4 @@
-//! Building of trees of lines, by plans of `spinney build`.
+//! Building trees of lines, for `spinney build`.
 
 use std::path::PathBuf;
 
@@ -11,7 +11,7 @@ use spinney::{Metadata, Output, Progress};
 
 use super::super::report::warn;
 
-/// Features that are open and understood, ready to be built.
+/// A feature file that is open and checked, ready to be built.
 pub(crate) struct LineImport {
     input: PathBuf,
     source: FeatureLines,
@@ -21,7 +21,7 @@ pub(crate) struct LineImport {
 }
 
 impl LineImport {
-    /// Looks at the features of a file.
+    /// Opens the features of a file, and plans the tree.
     pub(crate) fn plan(
         inputs: &[PathBuf],
         features: &FeatureOptions,
@@ -53,12 +53,12 @@ impl LineImport {
         Ok(LineImport { input: input.clone(), source, metadata, options, description })
     }
 
-    /// Lines about what was found, each with its heading.
+    /// Returns lines about the input, each with its heading.
     pub(crate) fn description(&self) -> &[(&'static str, String)] {
         &self.description
     }
 
-    /// Builds the tree, and gives what is to be said about it.
+    /// Builds the tree. Returns lines about it.
     pub(crate) fn build(
         mut self,
         output: Output,

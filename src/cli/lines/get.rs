@@ -11,7 +11,8 @@ use super::super::Global;
 use super::super::args::{PartOptions, check_output, vector_format};
 use super::super::report::{Work, report_output};
 
-/// Writes whole features: all, those of which a line passes through a window, or those that lines of a file cross.
+/// Writes whole features: all, those with a line that passes through a window, or those that lines
+/// of a file cross.
 pub(crate) fn get(
     tree: &LineTree,
     (part, crossing): (&PartOptions, Option<&Path>),

@@ -10,7 +10,7 @@ use spinney::raw::lines::LevelTotals;
 
 use super::super::report::{print_json, print_text};
 
-/// Tells what is in a tree of lines; with `levels` what the nodes of each level have.
+/// Prints the contents of a tree of lines; with `levels` also the nodes of each level.
 pub(crate) fn info(tree: &LineTree, levels: bool, is_json: bool) -> Result<()> {
     let totals = tree.levels()?;
     if is_json { print_json(&as_json(tree, &totals)?) } else { print_text(&as_text(tree, &totals, levels)?) }

@@ -1,4 +1,4 @@
-//! Parts of subcommands that are about trees of lines.
+//! The subcommands for trees of lines.
 
 mod build;
 mod get;
@@ -22,7 +22,7 @@ pub(super) use info::info;
 pub(super) use nearest::nearest;
 pub(super) use stats::{Join, join, stats};
 
-/// The tree of lines in a file; `None` if it has anything else.
+/// Opens the tree of lines in a file; `None` if the file has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
     if !is_line_file(path, global.access())? {
         return Ok(None);
@@ -30,10 +30,10 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<LineTree>> {
     Ok(Some(LineTree::open(path, &global.access().into())?))
 }
 
-/// Name of such files in messages.
+/// Name of trees of lines in messages.
 pub(super) const KIND: &str = "a tree of lines";
 
-/// The window that is meant, if one was given.
+/// Returns the window, if one was given.
 pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {
     if !matches!(part.coordinates().given(), None | Some(Coordinates::World)) {
         bail!("--in: windows of lines are given in their own coordinates (--in world)");
@@ -44,7 +44,7 @@ pub(super) fn window(part: &PartOptions) -> Result<Option<[[f64; 2]; 2]>> {
     Ok(part.corners().map(|corners| corners.map(|[x, y, _]| [x, y])))
 }
 
-/// Names with commas between them.
+/// Splits a comma-separated list of names.
 pub(super) fn names(text: Option<&str>) -> Option<Vec<String>> {
     text.map(|text| text.split(',').map(|name| name.trim().to_owned()).collect())
 }

@@ -1,4 +1,4 @@
-//! `spinney point` of a tree of lines: the nearest ones.
+//! `spinney point` of a tree of lines: the nearest lines.
 
 use std::io::{self, Write as _};
 
@@ -10,7 +10,8 @@ use super::super::args;
 use super::super::point::Near;
 use super::super::report::Work;
 
-/// Prints a line for each of the lines nearest to each place: the place's number, distance, the nearest place, the feature's number.
+/// Prints the lines nearest to each position, one output line each: the position's number, the
+/// distance, the nearest point, and the feature's number.
 pub(crate) fn nearest(tree: &LineTree, places: &[String], near: &Near, global: &Global) -> Result<()> {
     let mut places: Vec<[f64; 2]> = args::places(places)?;
     for (number, place) in places.iter_mut().enumerate() {

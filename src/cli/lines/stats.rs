@@ -12,7 +12,8 @@ use super::super::Global;
 use super::super::args::{check_output, vector_format};
 use super::super::report::{Work, print_json, print_text, report_output};
 
-/// Tells how many features and lines there are, and how long these are; with a window the features that pass through it.
+/// Prints the number of features and lines, and their length; with a window only of features that
+/// pass through it.
 pub(crate) fn stats(
     tree: &LineTree,
     window: Option<[[f64; 2]; 2]>,
@@ -37,7 +38,7 @@ pub(crate) fn stats(
     }
 }
 
-/// Join of something to lines.
+/// A join of other features to lines.
 pub(crate) enum Join<'a> {
     /// Points of a file, within a distance.
     Nearest(&'a Path, f64),
@@ -45,7 +46,7 @@ pub(crate) enum Join<'a> {
     Crossing(&'a Path),
 }
 
-/// Joins points with the lines nearest to them, or lines with those that they cross.
+/// Joins points with their nearest lines, or lines with the lines that they cross.
 pub(crate) fn join(
     tree: &LineTree,
     question: Join<'_>,

@@ -11,7 +11,7 @@ use super::super::Global;
 use super::super::args::check_output;
 use super::super::report::{Work, report_output};
 
-/// Writes the points of a selection, with some attributes, or all.
+/// Writes the points of a selection, with the named attributes, or all.
 pub(crate) fn get(
     tree: &PointTree,
     selection: &Selection,

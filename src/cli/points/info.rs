@@ -10,19 +10,19 @@ use spinney::raw::points::PointStatistics;
 
 use super::super::report::{print_json, print_text};
 
-/// Tells what is in a tree of points.
+/// Prints the contents of a tree of points.
 pub(crate) fn info(tree: &PointTree, is_json: bool) -> Result<()> {
-    // (Answered by the root: no block is read.)
+    // (The root has these statistics: no block is read.)
     let statistics = tree.statistics(&Selection::default(), &())?;
     if is_json { print_json(&as_json(tree, &statistics)) } else { print_text(&as_text(tree, &statistics)?) }
 }
 
-/// Names of columns: of coordinates and attributes.
+/// Returns the column names: coordinates and attributes.
 pub(super) fn columns(tree: &PointTree) -> impl Iterator<Item = &str> {
     ["x", "y", "z"].into_iter().chain(tree.attributes().iter().map(|attribute| attribute.name.as_str()))
 }
 
-/// Counts, extremes and means as JSON.
+/// Returns counts, extremes and means as JSON.
 pub(super) fn statistics_as_json(tree: &PointTree, statistics: &PointStatistics) -> serde_json::Value {
     let columns: Vec<_> = columns(tree)
         .zip(&statistics.columns)
@@ -63,7 +63,7 @@ fn as_json(tree: &PointTree, statistics: &PointStatistics) -> serde_json::Value 
     })
 }
 
-/// Counts, extremes and means as lines of text.
+/// Returns counts, extremes and means as lines of text.
 pub(super) fn statistics_as_text(tree: &PointTree, statistics: &PointStatistics) -> String {
     let mut text = String::new();
     for (name, found) in columns(tree).zip(&statistics.columns) {

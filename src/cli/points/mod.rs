@@ -1,4 +1,4 @@
-//! Parts of subcommands that are about trees of points.
+//! The subcommands for trees of points.
 
 mod get;
 mod info;
@@ -22,7 +22,7 @@ pub(super) use info::info;
 pub(super) use nearest::nearest;
 pub(super) use stats::stats;
 
-/// The tree of points in a file; `None` if it has anything else.
+/// Opens the tree of points in a file; `None` if the file has anything else.
 pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
     if !is_point_file(path, global.access())? {
         return Ok(None);
@@ -30,20 +30,21 @@ pub(super) fn open(path: &Path, global: &Global) -> Result<Option<PointTree>> {
     Ok(Some(PointTree::open(path, &global.access().into())?))
 }
 
-/// Name of such files in messages.
+/// Name of trees of points in messages.
 pub(super) const KIND: &str = "a tree of points";
 
-/// Where points are asked for, as options say it.
+/// Options that select points of a tree of points.
 #[derive(clap::Args, Debug, Default)]
 pub(crate) struct PointPlaces {
-    /// Place in which points are asked for, of trees of points: the polygons of a file of features, which are brought to the
-    /// tree's coordinate system from that of their file
+    /// Region in which to select points, of trees of points: the polygons of a feature file,
+    /// reprojected to the tree's coordinate system
     #[arg(long, value_name = "FEATURES", conflicts_with_all = ["window", "ball"])]
     within: Option<std::path::PathBuf>,
-    /// Ball around X,Y,Z in which points are asked for, of trees of points: no farther away than R
+    /// Ball in trees of points: points within the distance R of X,Y,Z
     #[arg(long, value_name = "X,Y,Z,R", value_parser = parse_ball, conflicts_with = "window", allow_hyphen_values = true)]
     ball: Option<[f64; 4]>,
-    /// Features alone for which all of this holds: points, of trees of points, as in 'classification=2,intensity>100'
+    /// Only features for which all conditions hold: points, of trees of points, as in
+    /// 'classification=2,intensity>100'
     #[arg(long = "where", value_name = "CONDITION,...")]
     filter: Option<FeatureFilter>,
 }
@@ -55,7 +56,7 @@ fn parse_ball(text: &str) -> Result<[f64; 4], String> {
 }
 
 impl PointPlaces {
-    /// An option that was given, which makes no sense for other trees.
+    /// Returns the first given option for points, which other trees reject.
     pub(super) fn given(&self) -> Option<&'static str> {
         let given = [
             ("--within", self.within.is_some()),
@@ -65,7 +66,7 @@ impl PointPlaces {
         given.into_iter().find(|(_, is_given)| *is_given).map(|(name, _)| name)
     }
 
-    /// The selection that is meant.
+    /// Returns the selection.
     pub(super) fn selection(
         &self,
         tree: &PointTree,

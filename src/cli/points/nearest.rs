@@ -1,4 +1,4 @@
-//! `spinney point` of a tree of points: the nearest ones.
+//! `spinney point` of a tree of points: the nearest points.
 
 use std::io::{self, Write as _};
 
@@ -10,7 +10,8 @@ use super::super::args::{self, DEFAULT_MEMORY};
 use super::super::point::Near;
 use super::super::report::Work;
 
-/// Prints a line for each of the points nearest to each place: the place's number, distance, coordinates.
+/// Prints the points nearest to each position, one output line each: the position's number,
+/// distance, coordinates.
 pub(crate) fn nearest(tree: &PointTree, places: &[String], near: &Near, global: &Global) -> Result<()> {
     let mut places: Vec<[f64; 3]> = args::places(places)?;
     for (number, place) in places.iter_mut().enumerate() {

@@ -7,7 +7,7 @@ use super::super::Global;
 use super::super::report::{Work, print_json, print_text};
 use super::info::{statistics_as_json, statistics_as_text};
 
-/// Tells counts, extremes and means of the points of a selection.
+/// Prints counts, extremes and means of the points of a selection.
 pub(crate) fn stats(tree: &PointTree, selection: &Selection, is_json: bool, global: &Global) -> Result<()> {
     let work = Work::start(global, "blocks")?;
     let found = tree.statistics(selection, &work)?;

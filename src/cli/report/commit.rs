@@ -1,11 +1,12 @@
-//! Commits, for people and for programs.
+//! Commits, as text.
 
 use spinney::edit::Commit;
 
 use super::super::Global;
 use super::quantity;
 
-/// Time, author and first line of the message of a commit, as far as it has them, with a comma before each.
+/// Returns the time, the author and the first line of the message of a commit, as far as known,
+/// with a comma before each.
 pub(crate) fn about(commit: &Commit) -> String {
     let note = &commit.note;
     let mut text = String::new();
@@ -21,7 +22,7 @@ pub(crate) fn about(commit: &Commit) -> String {
     text
 }
 
-/// Records and bytes that a commit wrote, and those that it did not need to.
+/// Returns the number of records and bytes that a commit wrote, and those that sharing saved.
 pub(crate) fn written(commit: &Commit) -> String {
     let written = &commit.written;
     let mut text = format!("{} written, {}", written.records, quantity::bytes(written.bytes));
@@ -31,7 +32,7 @@ pub(crate) fn written(commit: &Commit) -> String {
     text
 }
 
-/// Writes lines about a commit that was made, or that there was nothing to commit.
+/// Reports a new commit, or that there was nothing to commit.
 pub(crate) fn report_commit(global: &Global, commit: Option<&Commit>) {
     match commit {
         Some(commit) => {

@@ -1,16 +1,16 @@
-//! Exit codes, which follow the shells' customs on every system.
+//! Exit codes, which follow the shells' conventions on every system.
 
 use std::io;
 
 use spinney::Error;
 
-/// Exit code of a program that was interrupted.
+/// Exit code of a cancelled program.
 pub(crate) const INTERRUPTED: u8 = 130;
 
-/// Code that a shell reports of a program that wrote to a closed pipe: no failure to complain about.
+/// Exit code for a write to a closed pipe, as shells report it. The program prints no error then.
 pub(crate) const BROKEN_PIPE: u8 = 141;
 
-/// Exit code of a program that failed.
+/// Returns the exit code for an error.
 pub(crate) fn exit_code(error: &anyhow::Error) -> u8 {
     let is_broken_pipe = |error: &io::Error| error.kind() == io::ErrorKind::BrokenPipe;
     match error.downcast_ref() {

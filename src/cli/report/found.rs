@@ -1,4 +1,4 @@
-//! Lines about what a search finds.
+//! Lines about the results of a search.
 
 use std::collections::BTreeMap;
 use std::io::{BufWriter, StdoutLock, Write as _, stdout};
@@ -7,12 +7,13 @@ use spinney::Error;
 
 use super::printable_line;
 
-/// Prints lines about what was found: as it comes, or the largest first.
+/// Prints lines about search results: at once, or the largest blocks first.
 pub(crate) struct Found {
     out: BufWriter<StdoutLock<'static>>,
-    /// Lines that may still be printed.
+    /// Number of lines that may still be printed.
     left: u64,
-    /// Number of the largest that are wanted, and these by level, those of a level by their codes.
+    /// How many of the largest blocks to print, and the lines of the largest so far, by level, then
+    /// by code.
     largest: Option<u32>,
     kept: BTreeMap<(u8, String), String>,
 }
@@ -23,7 +24,7 @@ impl Found {
         Found { out, left: limit.unwrap_or(u64::MAX), largest, kept: BTreeMap::new() }
     }
 
-    /// Takes something that was found; says whether to go on.
+    /// Adds a result. Returns whether to continue the search.
     pub(crate) fn take(&mut self, level: u8, code: &str, line: &dyn Fn() -> String) -> spinney::Result<bool> {
         if let Some(most) = self.largest {
             let key = (level, code.to_string());

@@ -1,4 +1,4 @@
-//! Output of subcommands: text and JSON of what they found, and lines about what they did.
+//! Output of subcommands: results as text and JSON, and reports about the work.
 
 pub(crate) mod commit;
 pub(crate) mod exit;
@@ -30,17 +30,19 @@ pub(crate) use progress::Work;
 use super::Global;
 
 impl Global {
-    /// Writes a line for people, with a heading; it is no part of the result.
+    /// Prints a line with a heading to standard error, unless `--quiet`. It is not part of the
+    /// result.
     pub(crate) fn report(&self, heading: &str, text: impl Display) {
         if !self.quiet {
-            // Nobody may be listening, which is no reason to fail.
+            // A closed standard error is no reason to fail.
             let _ = writeln!(io::stderr(), "{heading:<10} {}", printable(&redacted(&text.to_string())));
         }
     }
 }
 
 impl Global {
-    /// Writes a line for each conversion of a file; whoever does the work says which files were resampled.
+    /// Reports each conversion of a file. Resampling is not included: the operation reports that
+    /// itself.
     pub(crate) fn report_conversions(&self, conversions: &[Conversion]) {
         for conversion in conversions.iter().filter(|conversion| conversion.what != "grid") {
             self.report("converted", conversion);
@@ -49,7 +51,7 @@ impl Global {
 }
 
 impl Global {
-    /// Says so where numbers of a level are approximate.
+    /// Reports if the numbers of a level are approximate.
     pub(crate) fn report_approximate(&self, tree: &Dataset, level: u8) {
         if tree.is_approximate(level) {
             let text = format_args!(
@@ -60,7 +62,7 @@ impl Global {
         }
     }
 
-    /// Says so where an output with overviews has approximate ones.
+    /// Reports if an output has approximate overviews.
     pub(crate) fn report_overviews(&self, tree: &Dataset) {
         if tree.is_approximate(0) {
             let text = "overviews are calculated from coarse levels' numbers; `transform` makes a tree of the cells' first";
@@ -69,38 +71,39 @@ impl Global {
     }
 }
 
-/// Writes a line about a failure.
+/// Prints an error.
 pub(crate) fn complain(error: &anyhow::Error) {
     let _ = writeln!(io::stderr(), "spinney: {}", printable(&redacted(&format!("{error:#}"))));
 }
 
-/// Writes help, or what is wrong with the words that the program was given, and gives the exit code.
+/// Prints help, or the error in the command line, and returns the exit code.
 pub(crate) fn explain_usage(error: &clap::Error) -> ExitCode {
     let text = error.render().to_string();
     let shown = redacted(&text);
     let clean = printable(&shown);
-    // (As it is it has colours, on a terminal. Help has the program's own words, whose addresses are examples.)
+    // (`print` uses colours on a terminal. Help only has the program's own strings, whose addresses
+    // are examples: nothing is redacted.)
     let is_own = !error.use_stderr();
     let _ = if is_own || *clean == text { error.print() } else { write!(io::stderr(), "{clean}") };
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
 
-/// Writes a line about something that is no failure, but should be known.
+/// Prints a warning.
 pub(crate) fn warn(text: &str) {
     let _ = writeln!(io::stderr(), "warning    {}", printable(&redacted(text)));
 }
 
-/// Writes a part of the result.
+/// Prints text of the result to standard output.
 pub(crate) fn print_text(text: &str) -> Result<()> {
     Ok(io::stdout().write_all(printable(text).as_bytes())?)
 }
 
-/// Standard output for a table that is printed where no file was named for it.
+/// Returns standard output for a table that is printed if no file was named for it.
 pub(crate) fn printed_output() -> Output {
     Output::to_writer(Path::new("-"), Box::new(PrintableWriter::new(io::stdout())))
 }
 
-/// Enough of a text to know it, in lines that stand under each other behind so many spaces.
+/// Returns the beginning of a string, with each further line indented by `indent` spaces.
 pub(crate) fn shortened(text: &str, indent: usize) -> String {
     const MOST: usize = 200;
     let start: String = text.chars().take(MOST).collect();
@@ -109,7 +112,7 @@ pub(crate) fn shortened(text: &str, indent: usize) -> String {
     lines.join(&format!("\n{}", " ".repeat(indent))) + more
 }
 
-/// Writes the result as JSON.
+/// Prints the result as JSON.
 pub(crate) fn print_json(value: &serde_json::Value) -> Result<()> {
     print_text(&printable_json(&format!("{value:#}\n")))
 }

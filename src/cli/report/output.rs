@@ -1,4 +1,4 @@
-//! Lines about the file that was made.
+//! Reports about the output file.
 
 use std::path::Path;
 use std::time::Instant;
@@ -6,12 +6,12 @@ use std::time::Instant;
 use super::super::Global;
 use super::quantity;
 
-/// Writes a line about the file that was made, how large it is, and how long that took.
+/// Reports the output file, its size, and the elapsed time.
 pub(crate) fn report_output(global: &Global, path: &Path, start: Instant) {
     report_built(global, path, start, None);
 }
 
-/// Does the same, and compares the file's size with that of the input's files.
+/// Reports the output file, its size compared with the inputs' size, and the elapsed time.
 pub(crate) fn report_built(global: &Global, path: &Path, start: Instant, input: Option<u64>) {
     let time = format!("{:.1} s", start.elapsed().as_secs_f64());
     let stat = || global.access().stat(&[path]).ok()?.pop()?.ok()?;

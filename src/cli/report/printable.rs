@@ -1,12 +1,12 @@
-//! Text that does nothing to a terminal but appear on it.
+//! Text that is safe to print on a terminal.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
 
 use spinney::raw::report::printable_json;
 
-/// Text without control characters other than line ends and tabs: names and metadata of files may hold escape
-/// sequences, with which a terminal can be made to show, or do, anything. They appear as in Rust's strings.
+/// Escapes control characters other than line ends and tabs, as in Rust's strings. Names and
+/// metadata of files may have escape sequences that make a terminal show, or do, anything.
 pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     let is_harmless = |c: char| !c.is_control() || c == '\n' || c == '\t';
     if text.chars().all(is_harmless) {
@@ -19,15 +19,17 @@ pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     clean.into()
 }
 
-/// A line of text or of JSON without control characters.
+/// Escapes control characters of a line of text or of JSON.
 pub(crate) fn printable_line(line: &str) -> Cow<'_, str> {
     if line.starts_with(['{', '[']) { printable_json(line) } else { printable(line) }
 }
 
-/// A stream of text of which control characters are written as [`printable`] shows them: for tables that are printed unless a file is named.
+/// A writer that escapes control characters like [`printable`]: for tables that are printed unless
+/// a file is named.
 pub(crate) struct PrintableWriter<W: Write> {
     inner: W,
-    /// A byte that depends on the next one: the first of two that may be a control character, or a carriage return, which may end a line.
+    /// A byte whose meaning depends on the next one: the first of two bytes that may encode a
+    /// control character, or a carriage return, which may end a line.
     pending: Option<u8>,
 }
 

@@ -1,4 +1,4 @@
-//! Progress on the terminal, and the user's wish to stop.
+//! Progress on the terminal, and cancellation by the user.
 
 use std::fmt::Write;
 use std::io::{self, IsTerminal};
@@ -10,17 +10,19 @@ use super::super::Global;
 use super::super::signals::{stop_in_good_order, stop_is_wanted};
 use super::{quantity, warn};
 
-/// Long work: a bar if standard error is a terminal, and a stop at the next good moment after Ctrl-C.
+/// The progress of long work: a bar if standard error is a terminal. Ctrl-C cancels the work at the
+/// next safe point.
 pub(crate) struct Work {
     bar: ProgressBar,
 }
 
 impl Work {
-    /// Starts work: from here on Ctrl-C and termination end it in good order; a second one ends it at once.
+    /// Starts work. From now on Ctrl-C and termination cancel it cleanly; a second signal ends the
+    /// program at once.
     ///
-    /// To be called before anything is created that an interrupted program would leave behind.
+    /// Call this before creating anything that an aborted program would leave.
     ///
-    /// `unit` is what is counted, in the plural.
+    /// `unit` is the counted unit, in the plural.
     pub(crate) fn start(global: &Global, unit: &'static str) -> anyhow::Result<Work> {
         stop_in_good_order()?;
         let bar = if global.quiet || !io::stderr().is_terminal() {
@@ -43,7 +45,7 @@ impl Drop for Work {
     }
 }
 
-/// A bar with the share that is done, so many units per second, and the time left.
+/// Returns a bar with the percentage done, the rate in units per second, and the remaining time.
 fn style(unit: &'static str) -> ProgressStyle {
     let rate = move |state: &ProgressState, out: &mut dyn Write| {
         let _ = write!(out, "{} {unit}/s", quantity::count(state.per_sec()));
@@ -60,7 +62,7 @@ impl spinney::Progress for Work {
     }
 
     fn warn(&self, file: &Path, text: &str) {
-        // (The bar would be written over the line.)
+        // (Suspend the bar, so that it does not overwrite the line.)
         self.bar.suspend(|| warn(&format!("{}: {text}", file.display())));
     }
 

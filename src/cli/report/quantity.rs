@@ -1,18 +1,18 @@
-//! Amounts, as people read them.
+//! Quantities, formatted for people.
 
-/// Bytes with three digits or so: `14.8 MiB`.
+/// Formats bytes with about three digits: `14.8 MiB`.
 pub(crate) fn bytes(bytes: u64) -> String {
     let units = ["bytes", "KiB", "MiB", "GiB", "TiB", "PiB"];
     scaled(bytes as f64, 1024.0, &units)
 }
 
-/// A count with three digits or so: `1.24 billion`.
+/// Formats a count with about three digits: `1.24 billion`.
 pub(crate) fn count(number: f64) -> String {
     scaled(number, 1000.0, &["", "thousand", "million", "billion", "trillion"])
 }
 
-/// A moment in seconds since the beginning of 1970, in UTC: `2026-11-21 18:33:40`. (Days to dates after
-/// Hinnant.)
+/// Formats a time, in seconds since 1970-01-01 00:00 UTC, in UTC: `2026-11-21 18:33:40`. (Converts
+/// days to dates by Hinnant's algorithm.)
 pub(crate) fn time(seconds: i64) -> String {
     let (days, rest) = (seconds.div_euclid(86400), seconds.rem_euclid(86400));
     // Years begin in March, so that a leap day is a year's last; 400 years have 146097 days.
@@ -28,7 +28,7 @@ pub(crate) fn time(seconds: i64) -> String {
     format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}")
 }
 
-/// A number in the largest unit in which it is not below 1, or nearly so.
+/// Formats a number in the largest unit in which it is not below 1, or rounds to 1.
 fn scaled(mut number: f64, base: f64, units: &[&str]) -> String {
     let mut unit = 0;
     // 999.5 would be written as 1000.

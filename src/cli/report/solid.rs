@@ -6,21 +6,21 @@ use serde_json::json;
 use spinney::Dataset;
 use spinney::raw::query::{SolidStatistics, SolidSurface};
 
-/// Words for a unit that nobody told.
+/// Description of an unknown unit.
 const UNKNOWN: &str = "the model's unit, which nobody told (`build --unit` does)";
 
-/// Coordinates for people, with commas between them.
+/// Formats coordinates, separated by commas.
 fn list(numbers: &[f64; 3]) -> String {
-    // Digits that rounding cannot have made.
+    // Six decimals: fewer than rounding errors affect.
     numbers.map(|number| ((number * 1e6).round() / 1e6).to_string()).join(", ")
 }
 
-/// The volume of a cell, or why it is not known.
+/// Returns the volume of a cell, or why it is unknown.
 fn cell_volume(tree: &Dataset) -> Result<f64, &'static str> {
     tree.metadata().frame.cell_volume()
 }
 
-/// A solid as JSON, with its surface if that was measured.
+/// Returns a solid's measures as JSON, with its surface if that was measured.
 pub(crate) fn as_json(
     tree: &Dataset,
     solid: &SolidStatistics,
@@ -46,7 +46,7 @@ pub(crate) fn as_json(
     json
 }
 
-/// A solid as text, with its surface if that was measured.
+/// Returns a solid's measures as text, with its surface if that was measured.
 pub(crate) fn as_text(
     tree: &Dataset,
     solid: &SolidStatistics,

@@ -10,13 +10,14 @@ use super::super::Global;
 use super::super::args::Memory;
 use super::super::report::{Work, quantity};
 
-/// Build a shard of a job, unless it is made already
+/// Build a shard of a job, unless it is built already
 ///
-/// Shards are built in any order, several at a time, and again where a process was cut off: what it has left does not count. Fails if an
-/// input, or a file beside it, is not the one that was planned.
+/// Shards are built in any order, also concurrently, and again if a process was killed: its
+/// incomplete output is ignored. Fails if an input, or an accompanying file, has changed since it
+/// was planned.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Folder of the job
+    /// Directory of the job
     job: PathBuf,
     /// Number of the shard, from 0
     #[arg(value_name = "K")]

@@ -1,4 +1,4 @@
-//! `spinney shard merge`: the file that shards make together.
+//! `spinney shard merge`: merges shards into one file.
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -11,19 +11,20 @@ use super::super::Global;
 use super::super::args::{Memory, OutputLimit};
 use super::super::report::{Work, report_built, warn};
 
-/// Put the shards of a job together
+/// Merge the shards of a job
 ///
-/// Shards are checked and copied one behind the other; what stands above them all is made. The job stays as it is, unless --remove-shards is given: remove its folder
-/// when the file is there.
+/// Shards are checked and copied consecutively; the levels above them are computed. The job is kept
+/// unless --remove-shards is given: remove its directory when the file is complete.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Folder of the job
+    /// Directory of the job
     job: PathBuf,
     /// File to write; - is standard output
     #[arg(short, long, value_name = "OUT.goblin")]
     output: PathBuf,
-    /// Remove what shards have left as soon as it is in the file, and the job when the file is there, so that there is room for one of both; what is
-    /// cut off goes on when it is called again, with the files OUT.goblin.partial and OUT.goblin.partial.job
+    /// Remove each shard's data as soon as they are in the file, and the job when the file is
+    /// complete, so that disk space for one copy is enough; an incomplete merge continues when it
+    /// is called again, with the files OUT.goblin.partial and OUT.goblin.partial.job
     #[arg(long)]
     remove_shards: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! `spinney shard`: trees that are built by many processes, on one machine or on many.
+//! `spinney shard`: trees that many processes build, on one machine or on many.
 
 mod build;
 mod merge;
@@ -9,11 +9,13 @@ use clap::Subcommand;
 
 use super::Global;
 
-/// Build a tree of pictures, of a volume, of models, of points, or of other trees, in shards, by many processes, on one machine or on many.
+/// Build a tree of rasters, of a volume, of models, of points, or of other trees, in shards, by
+/// many processes, on one machine or on many.
 ///
-/// `plan` looks at the inputs and makes a folder, the job, which says what each shard is made of; no cell is read. `build` makes one shard, in any
-/// order, anywhere where the same paths lead to job and inputs; it can be run again, and stops where inputs have changed since.
-/// `merge` puts the shards together. The file has the bytes that `spinney build`, `transform` or `combine` would have written.
+/// `plan` inspects the inputs and makes a directory, the job, which lists the input of each shard;
+/// it reads no cells. `build` makes one shard, in any order, on any machine where job and inputs
+/// have the same paths; it can be repeated, and stops if inputs have changed since. `merge` merges
+/// the shards. The file is byte-identical to that of `spinney build`, `transform` or `combine`.
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -35,7 +37,7 @@ Examples:
   sbatch --array=0-63 --wrap 'spinney shard build job/ $SLURM_ARRAY_TASK_ID'
   spinney shard merge job/ -o country.goblin";
 
-/// Steps, in their order.
+/// The subcommands, in the order of use.
 #[derive(Subcommand)]
 enum Step {
     Plan(Box<plan::Args>),

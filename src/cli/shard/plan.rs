@@ -1,4 +1,4 @@
-//! `spinney shard plan`: what is built of what, and by which shards.
+//! `spinney shard plan`: the inputs of a job, and its shards.
 
 use std::path::{Path, PathBuf};
 
@@ -19,24 +19,27 @@ use super::super::report::{Work, quantity};
 use super::super::transform::ChainArgs;
 use super::super::{Global, exact, points};
 
-/// Folder of a job, and its shards.
+/// Directory of a job, and its shards.
 #[derive(clap::Args)]
 struct JobArgs {
-    /// File to write: a folder, which has the job, and is made if there is none
+    /// File to write: a directory, which has the job, and is created if there is none
     #[arg(short, long, value_name = "JOB")]
     output: PathBuf,
-    /// Shards to make; each is a part of the space with about as many bytes of input [default: one for each GiB of input]
+    /// Number of shards; each is a region with about the same number of input bytes [default: one
+    /// for each GiB of input]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     shards: Option<u32>,
 }
 
-/// Plan a job: look at pictures, a volume, models, scans or a tree, and write down what each shard is made of
+/// Plan a job: inspect rasters, a volume, models, scans or a tree, and record the input of each
+/// shard
 ///
-/// The options are those of `spinney build` for these. The surface of models has to be closed, and is read as a whole. The same plan can be made again; a folder that has
-/// another one is left as it is.
+/// The options are those of `spinney build` for these. The surface of models must be closed, and is
+/// read as a whole. The same plan can be made again; a directory with another plan is not changed.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume, models, LAS and LAZ files, or a tree; @FILE stands for the paths in a file, one a line
+    /// Raster files (of several, the last lies on top, or with --stack all are layers), a volume,
+    /// models, LAS and LAZ files, or a tree; @FILE reads paths from a file, one a line
     #[arg(required = true, value_name = "INPUT")]
     inputs: Vec<PathBuf>,
     #[command(flatten)]
@@ -47,14 +50,16 @@ pub(super) struct Args {
     pictures: PictureArgs,
     #[command(flatten)]
     solids: SolidArgs,
-    /// Features alone for which all of this holds; here points of LAS and LAZ files, as in 'classification=2,intensity>100'
+    /// Only features for which all conditions hold; here points of LAS and LAZ files, as in
+    /// 'classification=2,intensity>100'
     #[arg(long = "where", value_name = "CONDITION,...", help_heading = "Points")]
     filter: Option<FeatureFilter>,
 }
 
 /// Plan a job of transforming a tree
 ///
-/// Files and steps are those of `spinney transform`; steps that go through all cells first (components=, sieve=) are for that alone.
+/// Files and operations are those of `spinney transform`, except operations that first scan all
+/// cells (components=, sieve=).
 #[derive(clap::Args)]
 pub(super) struct TransformArgs {
     #[command(flatten)]
@@ -78,7 +83,7 @@ pub(super) struct CombineArgs {
     packing: Packing,
 }
 
-/// The name of what an input is, if it is something that `build` takes and shards do not.
+/// Returns the kind of an input that `build` accepts and shards do not.
 fn other_kind(input: &Path) -> Option<&'static str> {
     let kinds = [
         ("standard input", input == Path::new("-")),

@@ -20,24 +20,27 @@ use super::{Args, row_of};
 /// Options for tables of labels.
 #[derive(clap::Args)]
 pub(super) struct LabelOptions {
-    /// A row for each label, which is a value of cells: number of cells, box, and the labels beside it
+    /// A row for each label, which is a value of cells: number of cells, box, and the adjacent
+    /// labels
     #[arg(long, group = "table")]
     #[arg(conflicts_with_all = ["window", "solid", "surface", "level"])]
     pub(super) labels: bool,
-    /// Neighbours that a cell hangs together with: 4 or 8, of octrees 6 or 26; labels are then components, as transform components= numbers
-    /// them, and their values are classes
+    /// Neighbours of a cell in its region: 4 or 8, of octrees 6 or 26; labels are then components,
+    /// as numbered by transform components=, and their values are classes
     #[arg(long, value_name = "N", requires = "labels")]
     connect: Option<Connectivity>,
-    /// Classes of labels, as a tree of the same cells tells them, such as that whose components were labelled
+    /// Classes of labels, from a tree of the same cells, such as that whose components were
+    /// labelled
     #[arg(long, value_name = "FILE", requires = "labels", conflicts_with = "connect")]
     classes: Option<PathBuf>,
-    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, and of --nearest the points, with the answers as attributes
-    /// (.gpkg, .fgb, .geojson, .shp, .csv) [default: standard output]
+    /// File to write: of labels a table as CSV, or JSON (.json); of zones their features, and of
+    /// --nearest the points, with the results as attributes (.gpkg, .fgb, .geojson, .shp, .csv)
+    /// [default: standard output]
     #[arg(short = 'o', long, value_name = "FILE", requires = "table")]
     pub(super) output: Option<PathBuf>,
 }
 
-/// Bytes of text that are held.
+/// Maximum size of buffered text, in bytes.
 const MAX_TEXT: usize = 1 << 20;
 
 /// Writes the table of a tree.
@@ -64,7 +67,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     request.memory = args.zone_options.memory.bytes;
     let work = Work::start(global, "cells")?;
     let output = options.output.as_deref().map(|path| global.access().create(path)).transpose()?;
-    // (Temporary files go where the table goes.)
+    // (Temporary files are in the directory of the table.)
     request.folder = options.output.as_deref().and_then(Path::parent).map(|folder| match folder {
         none if none == Path::new("") => ".".into(),
         folder => folder.to_path_buf(),
@@ -93,7 +96,7 @@ pub(super) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Opens the tree that tells classes.
+/// Opens the tree with the labels' classes. Its cells must be those of the labels.
 fn classes_of(path: &Path, labels: &Dataset, global: &Global) -> Result<Dataset> {
     let classes = open(path, global.access())?;
     let [own, other] = [labels, &classes].map(|tree| (tree.header().extent, tree.depth()));
@@ -109,7 +112,7 @@ fn classes_of(path: &Path, labels: &Dataset, global: &Global) -> Result<Dataset>
     Ok(classes)
 }
 
-/// A table on its way to a file, or to standard output.
+/// A table that is being written, to a file or to standard output.
 struct Table<'a> {
     tree: &'a Dataset,
     classes: Option<&'a Dataset>,
@@ -138,17 +141,18 @@ impl Table<'_> {
         self.text.push_str(&row_of(&columns));
     }
 
-    /// Name of the measure of cells, of quadtrees and of octrees.
+    /// Returns the name of the measure: area in quadtrees, volume in octrees.
     fn measure(&self) -> &'static str {
         measure_key(self.tree)
     }
 
-    /// Square metres of some cells, if they are known; of octrees their volume in the model's unit.
+    /// Returns the area of cells in square metres, if known; in octrees the volume in the model's
+    /// unit.
     fn measured(&self, cells: u64) -> Option<f64> {
         CellMeasure::of(self.tree).ok().map(|measure| measure.of_cell * cells as f64)
     }
 
-    /// The class of a label, and its name.
+    /// Returns the class of a label, and its name.
     fn class(&self, label: &Label<'_>) -> Result<(Vec<Number>, Option<String>)> {
         let (class, tree) = match self.classes {
             None => (label.class().map(|class| class.to_vec()), self.tree),

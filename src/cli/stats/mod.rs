@@ -1,4 +1,4 @@
-//! `spinney stats`: exact statistics of any part.
+//! `spinney stats`: exact statistics of any region.
 
 mod labels;
 mod zones;
@@ -69,7 +69,7 @@ Areas in square metres are printed for projected coordinate systems that count i
 Mercator. Cells of degrees differ in area. Cells of octrees have volumes, in the cube of the world's unit; in degrees
 and metres together these are not known, either.";
 
-/// Exact statistics of any part
+/// Exact statistics of any region
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct Args {
@@ -77,11 +77,11 @@ pub(crate) struct Args {
     tree: ViewedTree,
     #[command(flatten)]
     part: PartOptions,
-    /// Bins of the histogram of the first channel, where the file does not count classes: at most 65536; 0
-    /// for none
+    /// Bins of the histogram of the first channel, if the file does not count classes: at most
+    /// 65536; 0 for none
     #[arg(long, value_name = "N", default_value_t = 16, value_parser = clap::value_parser!(u32).range(..=65536))]
     bins: u32,
-    /// Print volume, centre and bounds of an octree also where its values are not occupancy
+    /// Print volume, centre and bounds of an octree also if its values are not occupancy
     #[arg(long)]
     solid: bool,
     /// Print the surface of a solid, too; implies --solid
@@ -90,23 +90,25 @@ pub(crate) struct Args {
     /// Level of detail at which a solid is measured [default: the deepest]
     #[arg(long, value_name = "LEVEL")]
     level: Option<u8>,
-    /// Polygons in a file of features, as GeoJSON, GeoPackage (x.gpkg:NAME is one layer of several), FlatGeobuf, shapefile or CSV: statistics
-    /// of the cells in each
+    /// Polygons in a feature file, as GeoJSON, GeoPackage (x.gpkg:NAME is one layer of several),
+    /// FlatGeobuf, shapefile or CSV: statistics of the cells in each
     #[arg(long, value_name = "FILE", group = "table", conflicts_with_all = ["window", "solid", "surface", "level"])]
     zones: Option<PathBuf>,
-    /// Of an exact model, a row for each object: name, type, whether it is closed, volume, area, heights, centre and attributes; as a table, or
-    /// as features with the rectangles around them
+    /// Of an exact model, a row for each object: name, type, whether it is closed, volume, area,
+    /// heights, centre and attributes; as a table, or as features with their bounding rectangles
     #[arg(long, group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels"])]
     each: bool,
-    /// Ask for the nearest line of a tree of lines to each point of a file of features; those that -o names get the number of its feature (`line`, from 0), the
-    /// `distance`, and its attributes
+    /// Find the nearest line of a tree of lines to each point of a feature file; the points in the
+    /// file of -o have the number of its feature (`line`, from 0), the `distance`, and its
+    /// attributes
     #[arg(long, value_name = "POINTS", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each"])]
     nearest: Option<PathBuf>,
-    /// Lines of a file of features: what they cross or touch in a tree of lines is counted; -o names a file of points that is written, one for each place, with the attributes
-    /// of the file's feature, the number of the tree's (`line`, from 0), and its attributes
+    /// Lines of a feature file: counts their crossings with a tree of lines, including touches; -o
+    /// names a file of points, one for each crossing, with the attributes of the file's feature,
+    /// the number of the tree's (`line`, from 0), and its attributes
     #[arg(long, value_name = "LINES", group = "table", conflicts_with_all = ["window", "solid", "surface", "level", "zones", "labels", "each", "nearest"])]
     crossing: Option<PathBuf>,
-    /// Distance within which the nearest line is looked for [default: any]
+    /// Maximum distance of the nearest line [default: any]
     #[arg(long, value_name = "DISTANCE", requires = "nearest")]
     radius: Option<f64>,
     #[command(flatten)]
@@ -188,7 +190,7 @@ pub(crate) fn run(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Fails if options were given that the requested table or statistics do not take.
+/// Fails for options that do not fit the requested table or statistics.
 fn check_modes(args: &Args, global: &Global) -> Result<()> {
     let (mode, fitting): (_, &[&str]) = if args.label_options.labels {
         ("--labels", &["--labels", "--connect", "--classes", "--output", "--json", "--csv"])
@@ -218,7 +220,7 @@ fn check_modes(args: &Args, global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Statistics of zones.
+/// Prints or writes statistics of zones.
 fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
     if let Some(file) = &args.zones {
         if let Some(output) = &args.label_options.output {
@@ -241,7 +243,7 @@ fn zones_of(args: &Args, trees: &[Dataset], global: &Global) -> Result<()> {
     Ok(())
 }
 
-/// Statistics of one layer: printed, or JSON to be printed.
+/// Prints statistics of one layer, or returns them as JSON.
 fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde_json::Value>> {
     let boxes = args.part.boxes(tree)?;
     let is_octree = tree.header().form.axes() == 3;
@@ -260,7 +262,7 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
     let picture = tree.header().picture();
     let boxes = boxes.unwrap_or(vec![picture]);
     let histogram = bins_with(tree, &boxes, &stats, args.bins)?;
-    // Last, since up to here a signal ends the program at once.
+    // Last, since a signal ends the program at once before `Work::start`.
     let measured = if is_asked || is_solid {
         let work = Work::start(global, "cells")?;
         let level = level_of(tree, args.level)?;
@@ -287,7 +289,7 @@ fn of_layer(args: &Args, tree: &Dataset, global: &Global) -> Result<Option<serde
     Ok(None)
 }
 
-/// A row of a table, quoted where that is needed (RFC 4180, with plain ends of lines).
+/// Formats a row of a CSV table, with quotes where needed (RFC 4180, but with plain line feeds).
 fn row_of(fields: &[&str]) -> String {
     let quoted = |field: &&str| match field.contains([',', '"', '\n', '\r']) {
         true => format!("\"{}\"", field.replace('"', "\"\"")),

@@ -21,20 +21,21 @@ use print::Report;
 /// Options for statistics of polygons.
 #[derive(clap::Args)]
 pub(super) struct ZoneOptions {
-    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all of them) or area (each by the part that is
-    /// inside, exactly)
+    /// Cells at the edge of a polygon: centre (those whose centre is inside), touch (all of them)
+    /// or area (each weighted exactly by its fraction inside)
     #[arg(long, value_name = "RULE", default_value_t, requires = "zones")]
     edge: EdgeRule,
-    /// Measures of each polygon: count, void (cells), void_share, outside (of the tree, in cells), sum, min, max, mean, std, majority,
-    /// minority, variety, median, classes [default: all but majority, minority, variety and median, for which all cells are read unless
-    /// the file counts classes]
+    /// Measures of each polygon: count, void (cells), void_share, outside (of the tree, in cells),
+    /// sum, min, max, mean, std, majority, minority, variety, median, classes [default: all but
+    /// majority, minority, variety and median, which read all cells unless the file counts classes]
     #[arg(long = "measure", value_name = "NAME,...", value_delimiter = ',', requires = "zones")]
     measures: Vec<ZoneMeasure>,
-    /// Quantiles of each polygon, from 0 to 1, as in 0.1,0.5,0.9: interpolated linearly, with parts of cells as weights
+    /// Quantiles of each polygon, from 0 to 1, as in 0.1,0.5,0.9: interpolated linearly, with
+    /// fractions of cells as weights
     #[arg(long, value_name = "Q,...", value_delimiter = ',', requires = "zones")]
     quantiles: Vec<f64>,
-    /// Features alone for which all of this holds, as in 'type=Building,lod>=2': =, !=, <, <=, > or >= between an attribute and a value; with
-    /// --each objects of the model
+    /// Only features for which all conditions hold, as in 'type=Building,lod>=2': =, !=, <, <=, >
+    /// or >= between an attribute and a value; with --each objects of the model
     #[arg(
         long = "where",
         value_name = "CONDITION,...",
@@ -43,8 +44,8 @@ pub(super) struct ZoneOptions {
         conflicts_with = "labels"
     )]
     pub(super) conditions: Vec<AttributeCondition>,
-    /// Attributes of features that --json, --csv and --output tell, or of the lines that points get with --nearest, as in name,code
-    /// [default: all; with --csv none]
+    /// Attributes of features in --json, --csv and --output, or of the lines that points get with
+    /// --nearest, as in name,code [default: all; with --csv none]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',', requires = "table", conflicts_with_all = ["each", "labels"])]
     pub(super) attribute: Option<Vec<String>>,
     #[command(flatten)]
@@ -52,7 +53,7 @@ pub(super) struct ZoneOptions {
 }
 
 impl ZoneOptions {
-    /// The question, and the bytes that are left for features.
+    /// Returns the request, and the memory in bytes that is left for features.
     fn request(&self) -> (ZonalRequest, u64) {
         let (measures, quantiles) = (self.measures.clone(), self.quantiles.clone());
         let memory = self.memory.bytes / 2;
@@ -61,7 +62,7 @@ impl ZoneOptions {
         (request, left)
     }
 
-    /// Options for reading the features: attributes only where they are told.
+    /// Returns options for reading the features. Attributes are read only if they are printed.
     fn reading(&self, format: Format, memory: u64) -> FeatureOptions {
         let attributes = match (&self.attribute, format) {
             (None, Format::Json) => None,
@@ -86,7 +87,7 @@ pub(super) fn write(
     check_output(trees.iter().map(Dataset::name).chain([file]), output)?;
     let trees: Vec<&Dataset> = trees.iter().collect();
     let (request, memory) = options.request();
-    // (Of attributes all that are not left out.)
+    // (The default is all attributes.)
     let reading = options.reading(Format::Json, memory);
     let reader = PolygonReader::open(file, &reading).map_err(|error| named(error, file))?;
     let work = Work::start(global, "polygons")?;
@@ -98,7 +99,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Prints the statistics of each polygon of a file, of each of some layers.
+/// Prints the statistics of each polygon of a file, for each layer.
 pub(super) fn run(
     trees: &[Dataset],
     file: &Path,
@@ -130,7 +131,7 @@ pub(super) fn run(
     report.finish()
 }
 
-/// An error with the name of the file. (All others name it.)
+/// Adds the file's name to an error. (Other kinds of errors have it.)
 fn named(error: spinney::Error, file: &Path) -> anyhow::Error {
     match error {
         error @ spinney::Error::Invalid { .. } => {

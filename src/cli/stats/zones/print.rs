@@ -1,4 +1,4 @@
-//! Statistics of polygons, as they are printed.
+//! Printed statistics of polygons.
 
 use std::fmt::Write;
 
@@ -14,7 +14,7 @@ use super::super::super::report::print_text;
 use super::super::row_of;
 use super::ZoneOptions;
 
-/// How statistics are printed.
+/// Format of printed statistics.
 #[derive(Clone, Copy)]
 pub(in super::super) enum Format {
     Text,
@@ -22,7 +22,7 @@ pub(in super::super) enum Format {
     Csv,
 }
 
-/// Answers, feature by feature, as they are printed.
+/// Prints results feature by feature.
 pub(super) struct Report<'a> {
     trees: &'a [&'a Dataset],
     options: &'a ZoneOptions,
@@ -34,11 +34,12 @@ pub(super) struct Report<'a> {
     json: ZoneReport<'a>,
 }
 
-/// Bytes of text that are held: more is printed before the end, so that memory does not grow with polygons times layers.
+/// Maximum size of buffered text, in bytes: more is printed before the end, so that memory does not
+/// grow with polygons times layers.
 const MAX_TEXT: usize = 32 << 20;
 
 impl<'a> Report<'a> {
-    /// The text before all features.
+    /// Begins a report, with the text before all features.
     pub(super) fn begin(trees: &'a [&'a Dataset], options: &'a ZoneOptions, format: Format) -> Report<'a> {
         let text = match format {
             Format::Csv => csv_heading(trees, options),
@@ -54,7 +55,7 @@ impl<'a> Report<'a> {
         Report { trees, options, format, next: 0, text, json }
     }
 
-    /// Prints the rest.
+    /// Prints the remaining text.
     pub(super) fn finish(&mut self) -> Result<()> {
         if matches!(self.format, Format::Json) {
             self.json.finish();
@@ -71,7 +72,7 @@ impl<'a> Report<'a> {
         Ok(())
     }
 
-    /// Adds the statistics of the next feature, which has such a number among those of the layer, of all layers of the tree.
+    /// Adds the statistics of the layer's feature with index `number`, for all layers of the tree.
     pub(super) fn add(
         &mut self,
         layer: &PolygonLayer,
@@ -107,7 +108,7 @@ impl<'a> Report<'a> {
     }
 }
 
-/// The first line of a table.
+/// Returns the first line of a table.
 fn csv_heading(trees: &[&Dataset], options: &ZoneOptions) -> String {
     let more: Vec<String> = more_measures(options)
         .map(|measure| measure.name().into())
@@ -122,7 +123,7 @@ fn csv_heading(trees: &[&Dataset], options: &ZoneOptions) -> String {
     row_of(&columns)
 }
 
-/// Measures that are asked for, and for which there are no columns otherwise.
+/// Returns the requested measures that have no standard columns.
 fn more_measures(options: &ZoneOptions) -> impl Iterator<Item = ZoneMeasure> {
     use ZoneMeasure::{Classes, Count, Deviation, Max, Mean, Min, Void};
     let is_there =
@@ -130,10 +131,10 @@ fn more_measures(options: &ZoneOptions) -> impl Iterator<Item = ZoneMeasure> {
     options.measures.iter().copied().filter(move |measure| !is_there(measure))
 }
 
-/// The column of areas, in octrees of volumes.
+/// The column of areas, or in octrees of volumes.
 const AREA: &str = "area_m2";
 
-/// Columns of a table behind those of the feature.
+/// Columns of a table, after those of the feature.
 const COLUMNS: [&str; 12] = [
     "layer",
     "time",
@@ -149,7 +150,7 @@ const COLUMNS: [&str; 12] = [
     "class_name",
 ];
 
-/// Fields of a channel at the end of a row of a table.
+/// Returns the fields of a channel at the end of a row.
 fn more_of(zone: &ZoneStatistics, channel: usize, options: &ZoneOptions) -> Vec<String> {
     let number = |number: Option<Number>| number.map(|number| number.to_string()).unwrap_or_default();
     let values = zone.channels.get(channel).and_then(|channel| channel.values.as_ref());
@@ -160,7 +161,8 @@ fn more_of(zone: &ZoneStatistics, channel: usize, options: &ZoneOptions) -> Vec<
     measures.chain(quantiles).collect()
 }
 
-/// Rows of a table: one for each channel, or each class where classes are counted; one without numbers where there are no cells.
+/// Writes table rows: one per channel, or per class if classes are counted. Without cells it is one
+/// row without numbers.
 fn write_rows(
     text: &mut String,
     first: &[String],
@@ -206,7 +208,7 @@ fn write_rows(
     }
 }
 
-/// An id as text.
+/// Formats an id.
 fn text_of(value: &serde_json::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
@@ -261,7 +263,7 @@ fn write_zone(
     Ok(())
 }
 
-/// A number of cells, which may not be whole.
+/// Formats a number of cells, which may be fractional.
 fn rounded(cells: f64) -> String {
     if cells.fract() == 0.0 { format!("{cells:.0}") } else { format!("{cells:.3}") }
 }
