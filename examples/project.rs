@@ -1,12 +1,14 @@
-//! Places in coordinate systems: reads lines of a system (by its number or its definition), a longitude and a latitude (degrees, WGS 84), and
-//! prints the coordinates there, and the longitude and latitude that these are.
+//! Points in coordinate systems: reads lines of a system (its number or its definition), a
+//! longitude and a latitude (degrees, WGS 84), and prints the projected coordinates, and their
+//! longitude and latitude.
 //!
 //! ```sh
 //! echo 'EPSG:3035 10 52' | cargo run --example project
 //! echo '+proj=laea +lat_0=52 +lon_0=10 +datum=WGS84 10 52' | cargo run --example project
 //! ```
 //!
-//! Or reads lines of systems, and prints each in another form: `--as wkt2`, `--as esri`, or `--as keys` (WKT 2 of what GeoTIFF's keys say of it).
+//! Alternatively reads lines of systems, and prints each in another form: `--as wkt2`, `--as esri`,
+//! or `--as keys` (WKT 2 of its GeoTIFF keys).
 
 use std::io::{self, BufRead, Write};
 

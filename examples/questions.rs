@@ -1,4 +1,4 @@
-//! Builds a tree of a picture and asks it questions, through the library alone.
+//! Builds a tree from a raster and queries it, using only the library.
 //!
 //! `cargo run --release --example questions -- fixtures/island_elevation.tif`
 
@@ -15,7 +15,7 @@ fn main() -> spinney::Result<()> {
         .map_or_else(|| PathBuf::from("fixtures/island_elevation.tif"), PathBuf::from);
     let file = std::env::temp_dir().join("questions.goblin");
 
-    // What is in the picture decides how it is averaged; every option can say otherwise.
+    // The raster's content determines the aggregation rule; options can override it.
     let import = plan(&[input], &ImportOptions::new())?;
     import.build(Output::create(&file)?, &())?;
 
@@ -30,19 +30,19 @@ fn main() -> spinney::Result<()> {
         println!("level {level}: {}", if there { value[0].to_string() } else { "void".into() });
     }
 
-    // A window of coarse detail, as bytes ready to be written or shown.
+    // A window of coarse detail, as bytes that can be written or displayed.
     let level = tree.depth() - 3;
     let bounds = Bounds { min: [8, 8, 0], max: [16, 16, 1] };
     let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.width()];
     tree.window(level, &bounds, f64::NAN, &mut bytes, None)?;
     println!("{} bytes of an 8 x 8 window", bytes.len());
 
-    // Statistics of a part, from what is stored beside every segment.
+    // Statistics of a region, from those that are stored with every segment.
     let part = Bounds { min: [64, 50, 0], max: [192, 150, 1] };
     let statistics = tree.statistics(Some(part), &())?;
     println!("{} cells, first channel {:?}", statistics.cells, statistics.channels.first());
 
-    // The first large blocks that lie above the mean.
+    // The first large blocks above the mean.
     let mean = statistics.channels.first().map_or(0.0, |channel| channel.mean);
     let mut left = 5;
     tree.find(Condition::Above(mean.into()), Some(part), &(), &mut |block| {

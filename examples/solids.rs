@@ -1,7 +1,9 @@
-//! Solids made of formulas, as octrees of any depth: `cargo run --release --example solids -- FOLDER [DEPTH]`
+//! Solids from formulas, as octrees of any depth: `cargo run --release --example solids --
+//! DIRECTORY [DEPTH]`
 //!
-//! Writes `ball.goblin`, `torus.goblin` and `cave.goblin`. A solid is a source of a tree: it says of a block whether it is
-//! empty, full, or has to be divided, so that time and memory go with its surface, not with its cells.
+//! Writes `ball.goblin`, `torus.goblin` and `cave.goblin`. A solid is a source of a tree: it
+//! classifies a block as empty, full, or to be divided, so that time and memory are proportional to
+//! its surface, not to its cells.
 
 use std::path::Path;
 
@@ -14,15 +16,16 @@ use spinney::{
 /// Octrees of bytes.
 const FORM: TreeType = TreeType::new(Dimension::Oct, ValueType::new(SampleType::U8, 1));
 
-/// A solid where a function of the coordinates is negative. The function changes by no more than the distance between two
-/// points, so that its value in the middle of a block can tell that all of the block is inside or outside.
+/// Solid where a function of the coordinates is negative. The function changes by at most the
+/// distance between two points, so that its value at the centre of a block can show that the whole
+/// block is inside or outside.
 struct Formula<F> {
     depth: u8,
     distance: F,
 }
 
 impl<F: Fn([f64; 3]) -> f64> Formula<F> {
-    /// What a block is; coordinates go from -1 to 1.
+    /// Classifies a block; coordinates are from -1 to 1.
     fn classify(&self, code: Code) -> Child<Code> {
         let side = 2.0 / (1u64 << code.level()) as f64;
         let middle = code.cell().map(|cell| (f64::from(cell) + 0.5) * side - 1.0);
@@ -69,7 +72,7 @@ fn store(folder: &Path, name: &str, depth: u8, distance: impl Fn([f64; 3]) -> f6
         row[3] = -1.0;
     }
     let options = BuildOptions::new(DataKind::Continuous, depth).rule(Rule::Occupancy).metadata(metadata);
-    // The representatives of a source need not be right: those of the tree made of it are.
+    // The representatives of a source need not be right: the tree computes its own.
     build_source(&Formula { depth, distance }, [1 << depth; 3], &options, Output::create(&path)?, &())?;
     println!("{}", path.display());
     Ok(())

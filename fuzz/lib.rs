@@ -1,9 +1,10 @@
-//! The targets, and a macro that makes a program of one.
+//! Fuzz targets, and a macro that makes a program of one.
 
 #[path = "targets/mod.rs"]
 pub mod targets;
 
-/// Makes everything happen in the thread that calls: what a case covers does not depend on others, and nobody waits.
+/// Runs all work on the calling thread: the coverage of a case does not depend on other threads,
+/// and no thread waits.
 pub fn use_one_thread() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).use_current_thread();
     pool.build_global().expect("nobody has used the pool");

@@ -1,4 +1,4 @@
-//! Makes the seeds in `fuzz/corpus/`: small files of every kind, the same bytes every time.
+//! Generates the seeds in `fuzz/corpus/`: small files of every kind, the same bytes every time.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -25,10 +25,10 @@ mod line_features;
 #[path = "../tests/common/reference.rs"]
 mod reference;
 #[path = "../tests/common/tiff_file.rs"]
-#[allow(dead_code)] // what tests alone use
+#[allow(dead_code)] // only used by tests
 mod tiff_file;
 
-/// Quadtrees and octrees of values with so many samples of a type.
+/// Returns the type of a quadtree or octree of values with `channels` samples of a type.
 const fn form(dimension: Dimension, sample: SampleType, channels: u8) -> TreeType {
     TreeType::new(dimension, ValueType::new(sample, channels))
 }
@@ -36,7 +36,7 @@ const fn form(dimension: Dimension, sample: SampleType, channels: u8) -> TreeTyp
 const QUAD: TreeType = form(Dimension::Quad, SampleType::U8, 1);
 const OCT: TreeType = form(Dimension::Oct, SampleType::U8, 1);
 
-/// Something with much detail, VOID in places.
+/// Returns a tree with much detail and some VOID cells.
 fn tree(form: TreeType, size: [u64; 3], rule: Rule) -> MemTree {
     MemTree::from_cells(form, depth_for(size), rule, &|[x, y, z]| {
         let inside = [x, y, z].into_iter().zip(size).all(|(cell, end)| u64::from(cell) < end);
@@ -89,7 +89,8 @@ fn goblins(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     put("goblin_read", "octree", &build(&path, OCT, [5, 4, 6], continuous, false)?);
     let floats = form(Dimension::Quad, SampleType::F32, 2);
     put("goblin_read", "floats", &build(&path, floats, [6, 7, 1], continuous, false)?);
-    // Packed segments of each model: names, numbers (with bits, several channels, steps of floats) and solids.
+    // Packed segments of each model: names, numbers (with bits, several channels, quantized floats)
+    // and solids.
     let colours = form(Dimension::Quad, SampleType::U8, 3);
     let rounded = form(Dimension::Quad, SampleType::F32, 1);
     for (name, form, size, (rule, kind)) in [
@@ -128,14 +129,14 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
     let region = FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 3, 1] });
     edit(&path, [Ok(Edit::Fill(region, Some(vec![0.25.into()])))], Note::default(), 1 << 20, &())?;
     let floats = fs::read(&path).unwrap();
-    // Large enough for pointers and zones; stripes, so that equal subtrees are many.
+    // Large enough for pointers and zones; stripes, so that many subtrees are equal.
     let stripes = |[x, _, _]: [u32; 3]| Some(Value::from([(x % 2) as u8]));
     // So large that pointers lead to records with pointers; few details, so that it stays small.
     let few =
         |[x, y, z]: [u32; 3]| (x != 5 || y > 2).then(|| Value::from([u8::from(x > 250 && y == 3 && z < 2)]));
     let few_in_space =
         |[x, y, z]: [u32; 3]| Some(Value::from([u8::from(x == 3 && y < 2) + u8::from(x > 61 && z == 40)]));
-    // Nothing alike, so that there are dense blocks.
+    // No equal subtrees, so that there are dense blocks.
     let much = |[x, y, _]: [u32; 3]| (x != 3).then(|| Value::from([(x * 31 + y * 47) as u8]));
     let categorical = (Rule::Majority, DataKind::Categorical);
     let mut files = vec![("history", history), ("octree", small), ("floats", floats)];
@@ -151,7 +152,7 @@ fn autumnals(put: Put<'_>, project: &Path, folder: &Path) -> Result<()> {
         build_tree(&tree, size, &options, Output::create(&path)?, &())?;
         files.push((name, fs::read(&path).unwrap()));
     }
-    // The last two with their history packed, which is all but one value.
+    // The last two with a packed history, which is all but one value.
     for (name, from) in [("packed_octree", files.len() - 2), ("packed_classes", files.len() - 1)] {
         fs::write(&path, &files[from].1).unwrap();
         let region = FillRegion::Box(Bounds { min: [0; 3], max: [64; 3] });
@@ -332,7 +333,8 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
         007;;0101000020E8640000000000000000F03F0000000000000040\r\n";
     put("feature_table", "text", rows.as_bytes());
     put("feature_table", "points", b"lon,lat,name\n1,2.5,a\n,,\n");
-    // (The GeoPackage in the corpus was made by hand, of pages of 512 bytes: those of the writer's are larger than what is fuzzed.)
+    // (The GeoPackage in the corpus was made by hand, with pages of 512 bytes: those of the writer
+    // are larger than the fuzzer's maximum.)
     for (ending, target) in [("fgb", "flatgeobuf"), ("shp", "shapefile")] {
         let layer = VectorLayer {
             name: "n".into(),
@@ -359,7 +361,7 @@ fn features(put: Put<'_>, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Corners of a cube, and its sides seen from outside.
+/// Vertices of a cube, and its sides seen from outside.
 const CORNERS: [[u8; 3]; 8] =
     [[0, 0, 0], [2, 0, 0], [0, 2, 0], [2, 2, 0], [0, 0, 2], [2, 0, 2], [0, 2, 2], [2, 2, 2]];
 const SIDES: [[usize; 4]; 6] =
@@ -440,11 +442,11 @@ fn meshes(put: Put<'_>) {
     put("cityjson", "sequence", sequence.as_bytes());
 }
 
-/// Exact models of a few steps, so that there are cells of all kinds and few of them.
+/// Exact models of a few grid units, so that there are cells of all kinds and few of them.
 fn models(put: Put<'_>, folder: &Path) -> Result<()> {
     let (mesh, path) = (folder.join("mesh.off"), folder.join("model.goblin"));
     let tetrahedron = "OFF\n4 4 0\n0 0 0\n3 0 0\n0 3 0\n0 0 3\n3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n";
-    // A beam that leans, and a box beside it.
+    // A slanted beam and a separate box.
     let bodies = "COFF\n12 10 0\n0 0 0 1 2 3\n6 0 2 1 2 3\n0 4 1 1 2 3\n1 1 7 1 2 3\n\
         5 5 5 9 9 9\n7 5 5 9 9 9\n7 7 5 9 9 9\n5 7 5 9 9 9\n5 5 7 9 9 9\n7 5 7 9 9 9\n7 7 7 9 9 9\n5 7 7 9 9 9\n\
         3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n4 4 7 6 5\n4 8 9 10 11\n4 4 5 9 8\n4 5 6 10 9\n4 6 7 11 10\n4 7 4 8 11\n";
@@ -463,7 +465,8 @@ fn models(put: Put<'_>, folder: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Trees of lines of a few pieces: of all kinds of values, in leaves and above, and of nothing.
+/// Line trees of a few segments: with all kinds of values, in leaves and inner nodes, and empty
+/// ones.
 fn line_trees(put: Put<'_>, folder: &Path) -> Result<()> {
     let path = folder.join("lines.goblin");
     for (name, count) in [("some", 12), ("none", 0)] {
@@ -546,7 +549,7 @@ fn texts(put: Put<'_>) {
     let counted: Vec<u8> = (0..24).collect();
     put("nrrd", "raw", &[head.as_bytes(), b"xyz", &counted].concat());
     let head = "NRRD0001\ntype: float\ndimension: 4\nsizes: 2 3 1 1\nspacings: nan 0.5 1 2\naxis mins: nan 1 2 3\nencoding: gzip\nendian: little\n\n";
-    // (Bytes as they are, in a block of a compressed stream.)
+    // (Uncompressed bytes, in a block of a compressed stream.)
     let (start, end) = (b"\x1f\x8b\x08\0\0\0\0\0\0\xff\x01\x18\0\xe7\xff", b"\x96\xa6\x95\x82\x18\0\0\0");
     put("nrrd", "gzip", &[head.as_bytes(), start, &counted, end].concat());
     put("npy", "floats", &array(">f4", "(3, 4, 5)", &numbers));

@@ -3,10 +3,11 @@
 #
 #     python/test.sh [ARGUMENTS OF PYTEST...]
 #
-# Reads the frozen files as formats.md says, with a reader in Python alone (tests/foreign).
-# Builds the package with the optimisation of the project's own tests, installs it, writes its documentation to
-# target/python-doc, checks the types of the package and of an example, and runs the tests. Needs Python 3.11 or newer, Rust, and on the first run a way to the packages that
-# tests/requirements.txt names. The program that answers are compared with is built, too.
+# Reads the frozen files with an independent reader in Python, which implements formats.md
+# (tests/foreign). Builds the package with the optimisation of the project's own tests, installs it,
+# writes its documentation to target/python-doc, type-checks the package and an example, and runs
+# the tests. Also builds the program, with whose results the package's are compared. Needs Python
+# 3.11 or newer, Rust, and on the first run access to the packages in tests/requirements.txt.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-$PWD/target}
@@ -25,10 +26,11 @@ if ! cmp -s python/tests/requirements.txt "$venv/requirements.txt"; then
     cp python/tests/requirements.txt "$venv/"
 fi
 
-# (Programs of the environment first, as where it is activated.)
+# (Programs of the environment first, as if it were activated.)
 export PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv CARGO_TARGET_DIR=$target
 
-# What needs nothing that is built: a reader of the file formats, written from formats.md alone. (Beside all that follows.)
+# The independent reader of the file formats needs no build, so it runs in parallel with all that
+# follows.
 foreign() {
     (cd tests/foreign && mypy --strict --allow-untyped-calls --no-warn-return-any --cache-dir "$target/mypy-foreign" ./*.py)
     exec python -m pytest -p no:cacheprovider -q tests/foreign
@@ -46,13 +48,14 @@ cargo build --locked --features remote --bin spinney
 export SPINNEY_PROGRAM=$target/debug/spinney
 wheels=$target/python-wheels
 rm -rf "$wheels"
-# (The package has the features that the program has, so that Cargo uses the library that is compiled already.)
+# (The package has the features that the program has, so that Cargo uses the library that is
+# compiled already.)
 maturin build --manifest-path python/Cargo.toml --profile dev --locked --out "$wheels" --interpreter "$venv/bin/python"
 pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "$wheels"/*.whl
 
-# (Warnings of the documentation, such as of a name that there is not, are errors.)
+# (Warnings of the documentation generator, such as an unknown name, are errors.)
 (cd "$target" && python -P -W error -m pdoc --output-directory "$target/python-doc" spinney)
-# The stubs of the native part are those of what is there.
+# The type stubs of the native module must match it.
 (cd "$target" && python -P -m mypy.stubtest spinney._native --ignore-missing-stub)
 
 foreign_failed=0
@@ -63,5 +66,5 @@ cat "$said"
 cd python
 mypy
 mypy --config-file pyproject.toml examples/typed.py
-# (From a folder of its own, so that the package that was installed is the one that is tested.)
+# (In another directory, so that the installed package is tested.)
 pytest --rootdir . -c pyproject.toml -p no:cacheprovider -q "$@" tests

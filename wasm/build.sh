@@ -1,16 +1,19 @@
 #!/usr/bin/env bash
 # Builds the WebAssembly module of the JavaScript package, which is committed:
 #
-#     wasm/build.sh            # writes module.js, module_bg.wasm and module.sources in crates/site/page/spinney
-#     wasm/build.sh --check    # says whether the sources differ from those of the committed module
+#     wasm/build.sh            # writes module.js, module_bg.wasm and module.sources to
+#                              # crates/site/page/spinney
+#     wasm/build.sh --check    # reports whether the sources differ from the committed module's
 #
-# The same sources and compiler give the same bytes in any directory. Rebuild in the last commit of a change to the module's sources.
-# Building needs `rustup target add wasm32-unknown-unknown`; Cargo gets the rest.
+# The same sources and compiler give the same bytes in any directory. Rebuild in the last commit of
+# a change to the module's sources. Building needs `rustup target add wasm32-unknown-unknown`; Cargo
+# downloads the rest.
 set -euo pipefail
 cd "$(dirname "$0")"
 package=../crates/site/page/spinney
 
-# Digest of all sources that the module is built from: packages of the lock file without a `source` are path dependencies.
+# Digest of all sources that the module is built from: packages of the lock file without a `source`
+# are path dependencies.
 digest() {
     local name directories=(src bindgen)
     for name in $(awk -v RS= '/^\[\[package/ && !/\nsource = / { gsub(/"/, "", $4); print $4 }' Cargo.lock); do
@@ -31,13 +34,15 @@ if [ "${1:-}" = --check ]; then
     exit 0
 fi
 
-# Nothing in the module depends on where the sources, Cargo's files and the standard library's sources are.
+# The module does not depend on the directories of the sources, of Cargo's files and of the standard
+# library's sources.
 commit=$(rustc -vV | sed -n 's/^commit-hash: //p')
 SPINNEY_RUSTC_ARGUMENTS=$(printf -- '--remap-path-prefix=%s\n' "$(realpath ..)=/spinney" "${CARGO_HOME:-$HOME/.cargo}=/cargo" \
     "$(rustc --print sysroot)/lib/rustlib/src/rust=/rustc/$commit")
 export SPINNEY_RUSTC_ARGUMENTS
 target=${CARGO_TARGET_DIR:-target}
-# (Flags of the user do not apply. With vectors of 128 bits packed segments are decoded three times as fast.)
+# (The user's flags do not apply. With 128-bit vectors packed segments are decoded three times as
+# fast.)
 CARGO_ENCODED_RUSTFLAGS='-Ctarget-feature=+simd128' RUSTC_WRAPPER=$PWD/rustc.sh \
     cargo build --quiet --locked --release --target wasm32-unknown-unknown -p spinney-wasm
 cargo run --quiet --locked -p spinney-bindgen -- "$target/wasm32-unknown-unknown/release/spinney_wasm.wasm" "$target/glue"

@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Tests the JavaScript package, with its committed module, under Node against the program's answers:
+# Tests the JavaScript package, with its committed module, under Node against the program's results:
 #
 #     wasm/test.sh [--build]
 #
-# --build builds the module first. Without it, the library is only checked to compile for WebAssembly.
-# SPINNEY names the program, which is built if it is not given.
-# Skipped, with a message, without Node of version 20 or newer, and the check without the library for wasm32-unknown-unknown.
+# --build builds the module first. Without it, the library is only checked to compile for
+# WebAssembly. SPINNEY names the program, which is built if it is not given. Skipped, with a
+# message, without Node of version 20 or newer; the check is skipped without the library for
+# wasm32-unknown-unknown.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 target=${CARGO_TARGET_DIR:-target}
@@ -31,7 +32,7 @@ work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 if [ -z "${SPINNEY:-}" ]; then
     cargo build --quiet --locked --features remote --bin spinney
-    # (Others are built in its place meanwhile.)
+    # (A copy, since other builds may replace the program meanwhile.)
     cp "$target/debug/spinney" "$work/"
     export SPINNEY=$work/spinney
 fi

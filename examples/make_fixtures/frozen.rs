@@ -1,4 +1,4 @@
-//! What the frozen files are built from.
+//! Contents of the frozen files.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ use super::island::{self, Island};
 pub(crate) const FILES: [&str; 8] =
     ["classic", "classes", "elevation", "rgb", "rgba", "ball", "segments", "large"];
 
-/// The picture behind the survey's two ten-record tables.
+/// The raster of the survey's two ten-record tables.
 pub(crate) const CLASSIC: [[u8; 8]; 8] = [
     [1, 1, 1, 3, 3, 1, 1, 1],
     [1, 1, 3, 3, 3, 3, 1, 1],
@@ -32,16 +32,17 @@ pub(crate) const CLASSIC: [[u8; 8]; 8] = [
     [1, 1, 1, 1, 1, 1, 1, 1],
 ];
 
-/// Pixels that are left out to the right and below one that is kept, in files that should be small.
+/// Stride of the pixels that are kept, in files that should be small.
 pub(crate) const STEP: usize = 4;
 
 const BYTE: ValueType = ValueType::new(SampleType::U8, 1);
 const QUAD: TreeType = TreeType::new(Dimension::Quad, BYTE);
 
-/// UTM zone 28 north, somewhere west of Africa.
+/// UTM zone 28 north, west of Africa.
 pub(crate) fn frame() -> Frame {
     let matrix = [[50.0, 0.0, 0.0, 300_000.0], [0.0, -50.0, 0.0, 3_200_000.0], [0.0, 0.0, 1.0, 0.0]];
-    // As GeoTIFF files have it: projected, with a citation (in the text from 0 on, 22 bytes), by its EPSG number.
+    // As in GeoTIFF files: projected, with a citation (at offset 0 of the string, 22 bytes), by its
+    // EPSG number.
     let keys = [[1, 1, 0, 3], [1024, 0, 1, 1], [1026, 34737, 22, 0], [3072, 0, 1, 32628]];
     let crs = GeoKeys::new(keys.as_flattened(), &[], b"WGS 84 / UTM zone 28N|").map(Crs::GeoKeys);
     Frame { matrix, crs, pixel_is_point: false }
@@ -103,7 +104,7 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 coarse(cell).map(|i| Value::from(picture[i]))
             })
         }
-        // The sea is transparent below its colour, and the snow half.
+        // The sea is transparent but has a colour; snow is half transparent.
         "rgba" => {
             let picture = island.picture();
             let band_names = ["red", "green", "blue", "opacity"].map(String::from).to_vec();
@@ -121,7 +122,8 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
                 (cell.into_iter().map(square).sum::<i64>() <= 29 * 29).then_some(Value::from([255u8]))
             })
         }
-        // One block with more records than a subtree without a segment may have, in a tree deep enough for it to be cut.
+        // One block with more records than a subtree without its own segment may have, in a tree
+        // deep enough to be cut.
         "segments" => {
             let what = (QUAD, Rule::Mean, DataKind::Continuous, Metadata::default());
             file(path, [1000, 300, 1], what, &|[x, y, _]| {
@@ -140,13 +142,13 @@ pub(crate) fn make(name: &str, island: &Island, path: &Path) -> Result<()> {
     }
 }
 
-/// A cell of "large", whose patches are uniform.
+/// Returns a cell of "large", whose patches are uniform.
 pub(crate) fn large(x: u32, y: u32) -> f64 {
     let difference = if (x / 8 + y / 8).is_multiple_of(3) { 3 } else { (x * x + 3 * y) % 7 };
     4e15 + 0.5 * f64::from(difference)
 }
 
-/// The value of a pixel of the picture with opacity.
+/// Returns the value of a pixel of the image with opacity.
 pub(crate) fn rgba(cover: island::Cover, [red, green, blue]: [u8; 3]) -> Value {
     let opacity = match cover {
         island::Cover::Unknown | island::Cover::ShallowSea => 0,
@@ -156,7 +158,7 @@ pub(crate) fn rgba(cover: island::Cover, [red, green, blue]: [u8; 3]) -> Value {
     Value::from([red, green, blue, opacity])
 }
 
-/// What is known of a file before its cells.
+/// Properties of a file that are set before its cells.
 type What = (TreeType, Rule, DataKind, Metadata);
 
 fn file(
@@ -171,7 +173,7 @@ fn file(
     build_tree(&tree, size, &options, Output::create(path)?, &()).map(|_| ())
 }
 
-/// Builds the frozen Autumnal file: the classic picture, changed and changed back.
+/// Builds the frozen Autumnal file: the classic raster, edited and reverted.
 pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
     make("classic", island, path)?;
     let note =
@@ -181,7 +183,7 @@ pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
     let cells = vec![([0, 0, 0], None), ([7, 7, 0], Some(vec![2.into()]))];
     edit(path, [Ok(Edit::Set(cells))], note(2, "Set two cells"), 1 << 20, &())?;
     edit(path, [Ok(Edit::Revert(1))], note(3, "Back to the beginning"), 1 << 20, &())?;
-    // Who edited it is told in the first page, and is somebody else each time.
+    // The first page records the editor, which differs each time.
     let mut bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     bytes[2048..2304].fill(0);
     std::fs::write(path, bytes).map_err(Error::io(path, "write"))
@@ -190,8 +192,8 @@ pub(crate) fn make_history(island: &Island, path: &Path) -> Result<()> {
 /// Names of the frozen files of several layers.
 pub(crate) const STACKS: [&str; 2] = ["stack.goblin", "stack.autumn"];
 
-/// Builds a file of several layers, in the format that its name says: land cover, heights and colours on cells four times as wide, and
-/// numbers of 64 bits.
+/// Builds a file of several layers, in the format of its name: land cover, heights and colours on
+/// cells four times as wide, and 64-bit numbers.
 pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
     let size = [island::WIDTH as u64, island::HEIGHT as u64, 1];
     let small = [size[0].div_ceil(4), size[1].div_ceil(4), 1];
@@ -248,24 +250,24 @@ pub(crate) fn make_stack(island: &Island, path: &Path) -> Result<()> {
 /// Name of the frozen exact model, without `.goblin`.
 pub(crate) const MODEL: &str = "chapel";
 
-/// Names of its parts.
+/// Names of the model's parts.
 pub(crate) const PARTS: [&str; 2] = ["nave", "dome"];
 
-/// Colours of its parts.
+/// Colours of the model's parts.
 pub(crate) const PAINT: [[u8; 3]; 2] = [[200, 190, 170], [90, 130, 110]];
 
-/// Builds the frozen exact model: a nave with a passage through it and a crypt that nobody can enter, and a hollow dome beside
-/// it, in centimetres.
+/// Builds the frozen exact model: a nave with a passage and a closed crypt, and a separate hollow
+/// dome, in centimetres.
 pub(crate) fn make_model(path: &Path, codec: Codec) -> Result<()> {
     let grid = Grid { bits: 12, origin: [265_000_000, 125_000_000, -100], step: 1.0, divisor: 100.0 };
-    // Rings in x and z along y; what is passed clockwise is a hole.
+    // Rings in x and z along y; clockwise ones are holes.
     let gable = vec![[100, 100], [1100, 100], [1100, 900], [600, 1400], [100, 900]];
     let passage = vec![[400, 300], [400, 700], [800, 700], [800, 300]];
     let crypt = vec![[150, 150], [150, 250], [350, 250], [350, 150]];
     let mut faces = along_y(&[gable, passage], 100, 2100);
     faces.extend(along_y(&[crypt], 500, 900));
     let nave = faces.len();
-    // So thin that cells along the edges have faces of both sides, and are many.
+    // So thin that cells along the edges have faces of both sides; there are many of these.
     faces.extend(dome([2400, 1200, 100], [[20, 0], [18, 180], [14, 290], [8, 370]], 400));
     let mut inside = dome([2400, 1200, 100], [[19, 20], [17, 170], [13, 275], [7, 350]], 380);
     inside.iter_mut().flatten().for_each(|ring| ring.reverse());
@@ -278,7 +280,7 @@ pub(crate) fn make_model(path: &Path, codec: Codec) -> Result<()> {
         let ring_ends: Vec<usize> = rings.iter().map(|ring| (end += ring.len(), end).1).collect();
         let part = u32::from(number >= nave as u64);
         let colours = vec![PAINT[part as usize]; points.len()];
-        // (As of a file that had two faces more.)
+        // (As if the file had two more faces.)
         let source = number + 2 * u64::from(part);
         builder.push(&Face {
             number,
@@ -309,7 +311,8 @@ pub(crate) fn make_model(path: &Path, codec: Codec) -> Result<()> {
 /// Faces, each a list of rings.
 type Faces = Vec<Vec<Vec<[i32; 3]>>>;
 
-/// Walls over rings of x and z, from one y to another: outwards of those that are counterclockwise with z upwards.
+/// Returns walls over rings of x and z, from one y to another: facing outwards if the ring is
+/// counterclockwise with z upwards.
 fn along_y(rings: &[Vec<[i32; 2]>], from: i32, to: i32) -> Faces {
     let at = |y: i32| move |[x, z]: &[i32; 2]| [*x, y, *z];
     let front: Vec<Vec<[i32; 3]>> = rings.iter().map(|ring| ring.iter().map(at(from)).collect()).collect();
@@ -323,7 +326,8 @@ fn along_y(rings: &[Vec<[i32; 2]>], from: i32, to: i32) -> Faces {
     faces
 }
 
-/// A dome of triangles over a polygon of twelve sides: rings of a radius, in twentieths of 400, and a height, and its own height.
+/// Returns a dome of triangles over a twelve-sided polygon: rings of a radius, in twentieths of
+/// 400, and a height, and its own height.
 fn dome([x, y, z]: [i32; 3], heights: [[i32; 2]; 4], height: i32) -> Faces {
     const QUARTER: [[i32; 2]; 3] = [[20, 0], [17, 10], [10, 17]];
     let around = |i: usize| {
@@ -347,13 +351,13 @@ fn dome([x, y, z]: [i32; 3], heights: [[i32; 2]; 4], height: i32) -> Faces {
     faces
 }
 
-/// Codecs of the frozen exact models, and what names of such files end with before `.goblin`.
+/// Codecs of the frozen exact models, and the suffixes of their names before `.goblin`.
 pub(crate) const CODECS: [(Codec, &str); 2] = [(Codec::Plain, ""), (Codec::Packed, "_packed")];
 
-/// Name of the frozen model with corners beside the grid, without `.goblin`.
+/// Name of the frozen model with off-grid vertices, without `.goblin`.
 pub(crate) const CROSSING: &str = "crossing";
 
-/// What is said of the parts of that model, and of a file that it is of.
+/// Attributes of that model's parts, and of its source file.
 pub(crate) const ABOUT: [(&str, Option<&str>); 3] = [
     (
         "tower",
@@ -364,8 +368,8 @@ pub(crate) const ABOUT: [(&str, Option<&str>); 3] = [
 ];
 pub(crate) const ABOUT_FILE: &str = r#"{"metadata":{"title":"A tower"}}"#;
 
-/// Builds the frozen model with corners beside the grid: a box and a spire through it, as one body, from which a slanted mast is taken
-/// away.
+/// Builds the frozen model with off-grid vertices: the union of a box and a spire through it,
+/// without a slanted mast.
 pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     let spire = [[4, 20, 9], [58, 12, 14], [23, 57, 11], [29, 24, 61]];
     let mast = [[60, 33, 37], [31, 2, 40], [28, 60, 45], [40, 25, 3]];
@@ -380,12 +384,12 @@ pub(crate) fn make_crossing(path: &Path, codec: Codec) -> Result<()> {
     combine(SetOperation::Difference, &[&both, &mast], Output::create(path)?, codec, 16 << 20, &()).map(drop)
 }
 
-/// The model in a file, which is to be written anew.
+/// Reads the model of a file that is to be rewritten.
 fn in_memory(path: &Path) -> Result<ExactModel> {
     ExactModel::from_bytes(std::fs::read(path).map_err(Error::io(path, "read"))?)
 }
 
-/// A model with one part, in memory; the file at `path` is used for it.
+/// Builds a model with one part, in memory; the file at `path` is overwritten.
 fn model(
     path: &Path,
     faces: &Faces,
@@ -406,7 +410,8 @@ fn model(
     in_memory(path)
 }
 
-/// The faces of a tetrahedron whose first three corners are counterclockwise as seen from the last.
+/// Returns the faces of a tetrahedron whose first three vertices are counterclockwise as seen from
+/// the last.
 fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Faces {
     [[a, c, b], [a, b, d], [b, c, d], [c, a, d]].map(|ring| vec![ring.to_vec()]).to_vec()
 }

@@ -1,7 +1,7 @@
-//! An island that does not exist: heights from value noise, land cover from heights.
+//! A fictitious island: heights from value noise, land cover from heights.
 //!
-//! Only additions, multiplications, divisions and square roots are used, which IEEE 754 rounds the same everywhere:
-//! the files are the same on every machine.
+//! It uses only additions, multiplications, divisions and square roots, which IEEE 754 rounds in
+//! the same way everywhere: the files are the same on every machine.
 
 /// Columns.
 pub(crate) const WIDTH: usize = 256;
@@ -15,7 +15,7 @@ pub(crate) const PIXEL: f64 = 50.0;
 #[repr(u8)]
 #[allow(missing_docs)] // the names say it
 pub(crate) enum Cover {
-    /// Open sea, which nobody surveyed: no data.
+    /// Open sea, which was not surveyed: no data.
     Unknown = 0,
     ShallowSea = 1,
     Beach = 2,
@@ -44,13 +44,13 @@ pub(crate) const COLOURS: [[u8; 4]; 8] = [
 
 /// The island, row by row from the north.
 pub(crate) struct Island {
-    /// Metres above the sea; negative below.
+    /// Metres above sea level; negative below.
     pub(crate) height: Vec<f64>,
     /// Land cover.
     pub(crate) cover: Vec<Cover>,
 }
 
-/// A number from 0 to 1 for a point of a whole-numbered grid.
+/// Returns a number from 0 to 1 for a point of an integer grid.
 fn corner(x: i64, y: i64, seed: u64) -> f64 {
     let mut z = (x as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15)
         ^ (y as u64).wrapping_mul(0xC2B2_AE3D_27D4_EB4F)
@@ -60,7 +60,7 @@ fn corner(x: i64, y: i64, seed: u64) -> f64 {
     (z ^ (z >> 31)) as u32 as f64 / u32::MAX as f64
 }
 
-/// Value noise: random numbers at whole coordinates, smooth in between.
+/// Value noise: random numbers at integer coordinates, smooth in between.
 fn noise(x: f64, y: f64, seed: u64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let ease = |t: f64| t * t * t * (t * (t * 6.0 - 15.0) + 10.0);
@@ -83,10 +83,10 @@ fn layered(x: f64, y: f64, seed: u64, layers: u32) -> f64 {
     sum / most
 }
 
-/// Height of one place, in metres.
+/// Returns the height at a point, in metres.
 fn height(column: f64, row: f64) -> f64 {
     let (x, y) = (column / WIDTH as f64, row / HEIGHT as f64);
-    // Two hills that run into each other, broken by noise.
+    // Two overlapping hills, broken by noise.
     let hill = |cx: f64, cy: f64, rx: f64, ry: f64| {
         let (dx, dy) = ((x - cx) / rx, (y - cy) / ry);
         1.0 - (dx * dx + dy * dy).sqrt()
@@ -101,7 +101,8 @@ fn height(column: f64, row: f64) -> f64 {
 
 /// Makes the island.
 pub(crate) fn make() -> Island {
-    // To an eighth of a metre: small files, and sums that are exact in any order.
+    // Rounded to an eighth of a metre: this gives small files, and sums that are exact in any
+    // order.
     let height: Vec<f64> = (0..WIDTH * HEIGHT)
         .map(|i| (height((i % WIDTH) as f64 + 0.5, (i / WIDTH) as f64 + 0.5) * 8.0).round() / 8.0)
         .collect();
@@ -110,7 +111,8 @@ pub(crate) fn make() -> Island {
     Island { height, cover }
 }
 
-/// What is below zero and joined to the picture's border: the sea; hollows inland are lakes.
+/// Returns which cells below zero are connected to the raster's border: the sea. Inland hollows are
+/// lakes.
 fn reached_from_border(height: &[f64]) -> Vec<bool> {
     let mut reached = vec![false; height.len()];
     let on_border = |i: &usize| {
@@ -153,16 +155,16 @@ fn cover(i: usize, height: &[f64], sea: &[bool]) -> Cover {
 }
 
 impl Island {
-    /// The surveyed heights: metres, `None` in the sea.
+    /// Returns the surveyed heights: metres, `None` in the sea.
     pub(crate) fn elevation(&self) -> Vec<Option<f32>> {
         let surveyed = |i: usize| !matches!(self.cover[i], Cover::Unknown | Cover::ShallowSea);
-        // (`max` may choose either of 0 and -0; adding zero makes 0 of both.)
+        // (`max` may return either of 0 and -0; adding zero makes both 0.)
         (0..self.height.len())
             .map(|i| surveyed(i).then_some((self.height[i].max(0.0) + 0.0) as f32))
             .collect()
     }
 
-    /// Land cover as colours, lit from the north-west.
+    /// Returns land cover as colours, lit from the north-west.
     pub(crate) fn picture(&self) -> Vec<[u8; 3]> {
         let at = |x: usize, y: usize| self.height[y.min(HEIGHT - 1) * WIDTH + x.min(WIDTH - 1)].max(0.0);
         (0..self.height.len())

@@ -2,8 +2,8 @@
 //!
 //!     cargo run --example make_fixtures
 //!
-//! With `--frozen` it also writes `fixtures/v1/`, the Goblin files that every later version must be able to read.
-//! Those are not to change any more: a new format version gets a new folder.
+//! With `--frozen` it also writes `fixtures/v1/`, the Goblin files that every later version must be
+//! able to read. Those must not change any more: a new format version gets a new directory.
 
 mod frozen;
 mod island;

@@ -1,4 +1,4 @@
-//! A disk in memory that remembers what was asked of it, and may fail.
+//! A disk in memory that records requests, and may fail.
 
 use std::io;
 use std::path::Path;
@@ -15,11 +15,11 @@ pub enum Event {
     Sync,
 }
 
-/// A disk that others hold, too.
+/// A shared disk.
 #[derive(Clone)]
 pub struct Disk(Arc<Mutex<State>>);
 
-/// The bytes of a disk, and the fate of the next writes.
+/// The bytes of a disk, and the number of writes that succeed.
 pub struct State {
     pub bytes: Vec<u8>,
     pub events: Vec<Event>,
@@ -29,7 +29,7 @@ pub struct State {
 }
 
 impl Disk {
-    /// A disk that has some bytes, and does not fail.
+    /// Creates a disk with some bytes, which does not fail.
     pub fn new(bytes: Vec<u8>) -> Disk {
         let state = State { bytes, events: Vec::new(), good: usize::MAX, id: FileId::unique() };
         Disk(Arc::new(Mutex::new(state)))
@@ -39,7 +39,7 @@ impl Disk {
         self.0.lock().unwrap()
     }
 
-    /// An editor of the file on the disk.
+    /// Returns an editor of the file on the disk.
     pub fn editor(&self) -> spinney::Result<Editor> {
         Editor::on(Box::new(self.clone()), Path::new("(disk)"), 1 << 20)
     }
@@ -55,7 +55,7 @@ impl State {
     }
 }
 
-/// Writes bytes at an offset, which may lie behind the end.
+/// Writes bytes at an offset, which may be after the end.
 pub fn put(bytes: &mut Vec<u8>, offset: u64, new: &[u8]) {
     let end = offset as usize + new.len();
     if bytes.len() < end {

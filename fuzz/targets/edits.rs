@@ -1,4 +1,4 @@
-//! Autumnal files edited: what is good stays good, and has what the edits made of it.
+//! Edited Autumnal files: a valid file stays valid, and has the result of the edits.
 
 use std::sync::Arc;
 
@@ -13,15 +13,17 @@ use super::files::in_file;
 use super::seal;
 use super::trees::is_good;
 
-/// Bytes before the file that say what is done to it.
+/// Bytes before the file that describe the edits.
 const SCRIPT: usize = 8;
-/// EditedCells along an axis of files whose cells are compared.
+/// Maximum number of cells along an axis of files whose cells are compared.
 const SIDE: u64 = 16;
 const MEMORY: u64 = 1 << 20;
-/// Records of trees that are verified: shared subtrees make a small file one that takes for ever.
+/// Maximum number of records of trees that are verified: with shared subtrees a small file can have
+/// exponentially many.
 const MAX_RECORDS: u64 = 1 << 12;
 
-/// A script of edits and an Autumnal file, packed (see [`seal::packed`]): edited on a disk in memory, and verified.
+/// A script of edits and an Autumnal file, packed (see [`seal::packed`]): edited on a disk in
+/// memory, and verified.
 pub fn autumnal_edit(bytes: &[u8]) {
     let Some((script, packed)) = bytes.split_at_checked(SCRIPT) else { return };
     if let Some(file) = seal::unpacked(packed) {
@@ -29,9 +31,9 @@ pub fn autumnal_edit(bytes: &[u8]) {
     }
 }
 
-/// Edits a file as a script says, on a disk in memory.
+/// Edits a file by a script, on a disk in memory.
 pub fn edit_as(script: &[u8], file: Vec<u8>) {
-    // (Whoever opens a file to edit it waits for a moment where it seems that somebody else is writing to it.)
+    // (An editor waits for a moment if another process seems to be writing to the file.)
     if Autumnal::from_bytes(file.clone()).is_err() && !crc32c::crc32c(&file).is_multiple_of(32) {
         return;
     }
@@ -50,14 +52,14 @@ pub fn edit_as(script: &[u8], file: Vec<u8>) {
     }
 }
 
-/// The newest commit of a file, if its tree is not too large to be looked at.
+/// Returns the newest commit of a file, unless its tree is too large to be read.
 fn open(file: &[u8]) -> Option<Dataset> {
     let file = Autumnal::from_bytes(file.to_vec()).ok()?;
     file.level_counts(MAX_RECORDS, &()).ok()??;
     Dataset::of(Arc::new(file).into()).ok()
 }
 
-/// Does what a script says, and tells the cells there should be then.
+/// Applies a script; returns the expected cells.
 fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Result<Option<EditedCells>> {
     let mut cells = cells;
     for step in script.chunks(4) {
@@ -80,7 +82,7 @@ fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Res
                 fill(&mut cells, bounds, value);
             }
             _ => {
-                // What another commit has is not known here.
+                // The cells of another commit are not known here.
                 apply_edits(editor, &mut [Ok(Edit::Revert(value.into()))].into_iter(), &()).or_else(
                     |error| {
                         if matches!(error, Error::Invalid { .. }) { Ok(Vec::new()) } else { Err(error) }
@@ -97,12 +99,12 @@ fn change(editor: &mut Editor, script: &[u8], cells: Option<EditedCells>) -> Res
     Ok(cells)
 }
 
-/// A number as all samples of a value; every eighth is VOID.
+/// Returns a number as all samples of a value; multiples of 8 are VOID.
 fn sample(value: u8) -> Option<Vec<Number>> {
     (!value.is_multiple_of(8)).then(|| vec![value.into()])
 }
 
-/// The cells of a small tree: its picture's size, bytes of the values, and which cells are not VOID.
+/// The cells of a small tree: its size, bytes of the values, and which cells are not VOID.
 #[derive(Clone, Debug, PartialEq)]
 struct EditedCells {
     size: [u64; 3],
@@ -111,7 +113,7 @@ struct EditedCells {
     of_number: Vec<Vec<u8>>,
 }
 
-/// All cells of a tree, if they are few.
+/// Returns all cells of a tree, if they are few.
 fn cells(tree: &Dataset) -> Option<EditedCells> {
     let (header, size) = (tree.header(), tree.header().extent);
     if size.iter().any(|cells| *cells > SIDE) {
@@ -142,8 +144,8 @@ fn fill(cells: &mut Option<EditedCells>, bounds: Bounds, number: u8) {
     }
 }
 
-/// A script and an Autumnal file, packed, on a real disk: its commits are listed, it is recovered, edited, compacted and
-/// verified.
+/// A script and an Autumnal file, packed, on a real disk: its commits are listed, it is recovered,
+/// edited, compacted and verified.
 pub fn autumnal_file(bytes: &[u8]) {
     let Some((script, packed)) = bytes.split_at_checked(SCRIPT) else { return };
     let Some(file) = seal::unpacked(packed) else { return };

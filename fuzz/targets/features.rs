@@ -1,4 +1,4 @@
-//! Features: files of each format, which are read to their end, twice, and as zones.
+//! Features: files of each format, which are read completely, twice, and as zones.
 
 use std::path::Path;
 
@@ -8,10 +8,10 @@ use spinney::raw::import::feature::{Feature, open_features, read_polygons};
 
 use super::files::in_file;
 
-/// Bytes of memory for a feature.
+/// Memory limit of a feature in bytes.
 const MEMORY: u64 = 1 << 20;
 
-/// A target for each format that is one file; which it is, the name tells where the bytes leave it open.
+/// A target for each single-file format; the file's name selects the format if the bytes do not.
 macro_rules! features {
     ($($name:ident $file:literal),*) => {
         $(#[doc = concat!("Features, as a file with the name `", $file, "`.")]
@@ -23,7 +23,7 @@ macro_rules! features {
 
 features!(feature_table "f.csv", flatgeobuf "f.fgb", geojson "f.geojson", geopackage "g.gpkg", shapefile "s.shp");
 
-/// A shape without a geometry, in a file of such.
+/// A shape without a geometry, in a shapefile.
 const SHAPE: [u8; 112] = {
     let mut file = [0; 112];
     (file[2], file[3]) = (0x27, 0x0a);
@@ -32,7 +32,7 @@ const SHAPE: [u8; 112] = {
     file
 };
 
-/// A table of dBASE, beside a shape.
+/// A dBASE table, with a shapefile.
 pub fn shapefile_table(bytes: &[u8]) {
     in_file("t.dbf", bytes, |_| in_file("t.shp", &SHAPE, read_features));
 }
@@ -50,7 +50,7 @@ fn all(path: &Path) -> Result<Vec<Feature>> {
 
 fn read_features(path: &Path) {
     if let Ok(features) = all(path) {
-        // (Numbers that are none are equal to nothing.)
+        // (NaN does not equal itself.)
         let again = all(path).unwrap();
         assert_eq!(format!("{features:?}"), format!("{again:?}"), "other features the second time");
     }

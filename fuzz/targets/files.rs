@@ -1,4 +1,4 @@
-//! Files of bytes, for what reads files only.
+//! Files of bytes, for functions that only read files.
 
 use std::cell::OnceCell;
 use std::path::Path;
@@ -9,7 +9,7 @@ thread_local! {
     static FOLDER: OnceCell<TempDir> = const { OnceCell::new() };
 }
 
-/// Runs something with a file of some bytes, under a name, in a folder of this thread.
+/// Runs a function with a file of some bytes, under a name, in a directory of this thread.
 pub fn in_file(name: &str, bytes: &[u8], run: impl FnOnce(&Path)) {
     FOLDER.with(|folder| {
         let folder = folder.get_or_init(|| tempfile::tempdir().unwrap());

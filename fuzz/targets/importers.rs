@@ -1,4 +1,4 @@
-//! Importers: files of other programs, which are read, and built if they are small.
+//! Importers: files of other formats, which are read, and built if they are small.
 
 use std::path::Path;
 
@@ -14,16 +14,16 @@ use spinney::{Error, ExactModel, OpenOptions, Output, Region, Result};
 
 use super::files::in_file;
 
-/// Bytes of memory that importers may use.
+/// Memory limit of importers in bytes.
 const MEMORY: u64 = 4 << 20;
-/// Bytes of samples that are read at once.
+/// Maximum bytes of samples that are read at once.
 const MAX_BYTES: u64 = 1 << 20;
-/// Cells of pictures that are built.
+/// Maximum number of cells of rasters that are built.
 const MAX_CELLS: u64 = 1 << 14;
-/// Faces of models that are built.
+/// Maximum number of faces of models that are built.
 const MAX_FACES: u32 = 200;
 
-/// A target for each format of pictures, all of which go the same way: the first bytes tell the format.
+/// A target for each image format, with the same code: the first bytes determine the format.
 macro_rules! pictures {
     ($($name:ident $file:literal),*) => {
         $(#[doc = concat!("A picture, as a file with the name `", $file, "`.")]
@@ -38,7 +38,7 @@ pictures!(
     qoi "a.qoi", tga "a.tga"
 );
 
-/// The name of an SRTM tile and what it starts with; the rest, to the length that such files have, is zeros.
+/// The name of an SRTM tile and its first bytes; the rest, to the length of such files, is zeros.
 pub fn hgt(bytes: &[u8]) {
     const LENGTH: u64 = 1201 * 1201 * 2;
     let (name, bytes) = bytes.split_at_checked(11).unwrap_or((b"N46E008.hgt", bytes));
@@ -54,22 +54,22 @@ pub fn hgt(bytes: &[u8]) {
 /// A grey pixel.
 const PICTURE: &[u8] = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR\0\0\0\x01\0\0\0\x01\x08\0\0\0\0:~\x9bU\0\0\0\nIDATx\x9cc`\x07\0\0\x09\0\x08 #\xc3\x8c\0\0\0\0IEND\xaeB`\x82";
 
-/// GDAL's sidecar, beside a picture.
+/// GDAL's sidecar file of an image.
 pub fn sidecar(bytes: &[u8]) {
     in_file("c.png.aux.xml", bytes, |_| in_file("c.png", PICTURE, read_picture));
 }
 
-/// A world file, beside a picture.
+/// A world file of an image.
 pub fn world_file(bytes: &[u8]) {
     in_file("b.pgw", bytes, |_| in_file("b.png", PICTURE, read_picture));
 }
 
-/// GDAL's virtual raster, beside a picture that may be its source.
+/// GDAL's virtual raster, with an image that may be its source.
 pub fn vrt(bytes: &[u8]) {
     in_file("d.png", PICTURE, |_| in_file("d.vrt", bytes, read_picture));
 }
 
-/// Reads what it can of a picture, and builds it if it is small: what was built must be good.
+/// Reads an image, and builds it if it is small: the built tree must be valid.
 fn read_picture(path: &Path) {
     let Ok(is_small) = read_pixels(path) else { return };
     if !is_small {
@@ -84,7 +84,7 @@ fn read_picture(path: &Path) {
     }
 }
 
-/// Reads pixels of the upper left corner; tells whether there are few others.
+/// Reads pixels of the upper left corner; returns whether there are few others.
 fn read_pixels(path: &Path) -> Result<bool> {
     let mut options = RasterOptions::new();
     options.memory = MEMORY;
@@ -102,13 +102,13 @@ fn read_pixels(path: &Path) -> Result<bool> {
     Ok(info.width.saturating_mul(info.height) <= MAX_CELLS)
 }
 
-/// Makes sure that a tree that was built is good.
+/// Asserts that a built tree is valid.
 fn check_built(path: &Path) {
     let tree = dataset::open(path, &OpenOptions::new()).unwrap();
     assert_eq!(tree.verify(1 << 20, &()).unwrap(), []);
 }
 
-/// A target for each format of meshes; which it is, the name tells where the bytes leave it open.
+/// A target for each mesh format; the file's name selects the format if the bytes do not.
 macro_rules! meshes {
     ($($name:ident $file:literal),*) => {
         $(#[doc = concat!("A mesh, as a file with the name `", $file, "`.")]
@@ -120,7 +120,8 @@ macro_rules! meshes {
 
 meshes!(obj "a.obj", ply "a.ply", stl "a.stl", off "a.off", cityjson "a.json");
 
-/// Reads a model twice, and builds cells and an exact model of it if it has few faces: what was built must be good.
+/// Reads a model twice, and builds cells and an exact model from it if it has few faces: the
+/// results must be valid.
 fn read_mesh(path: &Path) -> Result<()> {
     let mut model = mesh::open(path, MEMORY)?;
     let mut count = || {
@@ -158,7 +159,7 @@ fn read_mesh(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Cells with values, as text or a NumPy array, for a quadtree of bytes.
+/// Cells with values, in the text format or as a NumPy array, for a quadtree of bytes.
 pub fn cells(bytes: &[u8]) {
     thread_local! {
         static TREE: Goblin = Goblin::from_bytes(super::texts::CLASSIC.to_vec()).unwrap();
@@ -177,7 +178,7 @@ pub fn npy(bytes: &[u8]) {
     volume_file("a.npy", bytes);
 }
 
-/// A volume with a head of text, of which samples are unpacked.
+/// A volume with a text header, whose samples are decompressed.
 pub fn nrrd(bytes: &[u8]) {
     volume_file("a.nrrd", bytes);
 }
@@ -187,7 +188,7 @@ fn volume_file(name: &str, bytes: &[u8]) {
         let mut options = VolumeOptions::new();
         options.memory = Some(2 * MEMORY);
         let built = path.with_extension("goblin");
-        // (What is planned has all its samples in the file, and is small, therefore.)
+        // (A planned import has all its samples in the file, and so is small.)
         let import = spinney::import::volume::plan(path, &options);
         if import.and_then(|import| import.build(Output::create(&built)?, &())).is_ok() {
             check_built(&built);

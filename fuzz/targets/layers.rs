@@ -1,4 +1,5 @@
-//! Files of several layers: each is asked everything, all are verified, converted, combined, edited and dropped together.
+//! Files of several layers: each layer is queried; the file is verified, converted, combined,
+//! edited, and its layers are dropped.
 
 use std::path::{Path, PathBuf};
 
@@ -16,11 +17,11 @@ use super::files::in_file;
 use super::seal;
 use super::trees::{MAX_RECORDS, is_good, long_questions, questions};
 
-/// Layers of files of which everything is asked.
+/// Maximum number of layers that are queried.
 const MAX_LAYERS: usize = 8;
 const MEMORY: u64 = 1 << 20;
 
-/// A Goblin file of any number of layers whose checksums are made right.
+/// A Goblin file of any number of layers, whose checksums are corrected.
 pub fn goblin_layers(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
@@ -28,19 +29,20 @@ pub fn goblin_layers(bytes: &[u8]) {
     ask_goblin_layers(&file);
 }
 
-/// Asks everything of a Goblin file and its layers.
+/// Runs all queries of a Goblin file and its layers.
 pub fn ask_goblin_layers(file: &[u8]) {
     in_file("layers.goblin", file, |path| ask(path, "converted.autumn"));
 }
 
-/// An Autumnal file of any number of layers, packed (see [`seal::packed`]), whose checksums are made right.
+/// An Autumnal file of any number of layers, packed (see [`seal::packed`]), whose checksums are
+/// corrected.
 pub fn autumnal_layers(bytes: &[u8]) {
     if let Some(file) = seal::unpacked(bytes) {
         ask_autumnal_layers(&file);
     }
 }
 
-/// Asks everything of an Autumnal file and its layers, and edits them.
+/// Runs all queries of an Autumnal file and its layers, and edits them.
 pub fn ask_autumnal_layers(file: &[u8]) {
     in_file("layers.autumn", file, |path| ask(path, "converted.goblin"));
 }
@@ -49,20 +51,21 @@ fn open(path: &Path) -> Result<Dataset> {
     dataset::open(path, &OpenOptions::new())
 }
 
-/// All layers of a file, the first few of them open.
+/// Returns the number of layers of a file, and the first few of them opened.
 fn layers(tree: &Dataset) -> Result<(usize, Vec<Dataset>)> {
     let layers = tree.layers()?;
     let opened = layers.iter().take(MAX_LAYERS).map(|layer| tree.layer(&layer.name));
     Ok((layers.len(), opened.collect::<Result<_>>()?))
 }
 
-/// Asks everything that can be asked of a file. If verification finds nothing, nothing may fail, and what is made of the file has the same cells.
+/// Runs all queries of a file. If verification finds no defects, no query may fail, and files
+/// derived from it have the same cells.
 fn ask(path: &Path, converted: &str) {
     let Ok(tree) = open(path) else { return };
     let (count, trees) = match layers(&tree) {
         Ok(layers) => layers,
         Err(_) => {
-            // What is left of it.
+            // The layers that can still be opened.
             (0..MAX_LAYERS).for_each(|number| {
                 if let Ok(layer) = tree.layer(&number.to_string()) {
                     let _ = questions(&layer);
@@ -96,7 +99,7 @@ fn ask(path: &Path, converted: &str) {
         made.unwrap();
         same(&other, &trees, "conversion");
     }
-    // (On what metadata tell of the frame it may be impossible.)
+    // (The metadata of the frame may not allow it.)
     let (joined, files) = (target("combined.goblin"), [path, path].map(PathBuf::from));
     let _ = Output::create(&joined).and_then(|output| {
         spinney::combine(
@@ -118,14 +121,14 @@ fn ask(path: &Path, converted: &str) {
     }
 }
 
-/// A file has the same cells as some layers, and is good.
+/// Asserts that a file has the same cells as some layers, and is valid.
 fn same(path: &Path, expected: &[Dataset], what: &str) {
     let tree = open(path).unwrap();
     assert!(is_good(&tree), "{what} has made a bad file");
     let (count, found) = layers(&tree).unwrap();
     assert_eq!(count, expected.len(), "{what}");
     for (found, expected) in found.iter().zip(expected) {
-        // (How a tree is cut into segments is up to who writes it.)
+        // (The division of a tree into segments depends on the writer.)
         let [a, b] =
             [found, expected].map(|tree| Header { shape: expected.header().shape, ..tree.header().clone() });
         assert!(a == b && found.depth() == expected.depth(), "{what}");
@@ -149,19 +152,19 @@ fn change_goblin(path: &Path, trees: &[Dataset]) -> Result<()> {
     if trees.len() > 1 {
         ops::drop_layer(path, &name, Note::default(), &Default::default(), &())?;
     }
-    // (Frames need not fit.)
+    // (Frames may not match.)
     let chain = FileView::of(&FileReference::of(&copy).of_layer(&name));
     let _ = ops::add_layer(path, "again", &chain, Note::default(), WriteOptions::new(MEMORY), &());
     Ok(())
 }
 
-/// Edits all layers of an Autumnal file, drops one, goes back, and compacts.
+/// Edits all layers of an Autumnal file, drops one, reverts, and compacts.
 fn change_autumnal(path: &Path, was_good: bool, trees: &[Dataset]) -> Result<()> {
     let history = History::open(path, &OpenOptions::new())?;
     history.commits().take(100).for_each(drop);
     let newest = trees[0].commit().map_or(0, |commit| commit.number);
     drop(history);
-    // (There must be a next number.)
+    // (There must be a next commit number.)
     if newest > u64::MAX - 8 {
         return Ok(());
     }

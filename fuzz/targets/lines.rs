@@ -1,4 +1,4 @@
-//! Trees of lines read: opened, asked everything, verified, and written as features.
+//! Reads of line trees: opened, queried, verified, and written as features.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use spinney::{Error, OpenOptions, Output, Result};
 use super::files::in_file;
 use super::{seal, trees};
 
-/// A file of a tree of lines whose checksums are made right.
+/// A file of a line tree, whose checksums are corrected.
 pub fn lines_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
@@ -18,7 +18,7 @@ pub fn lines_read(bytes: &[u8]) {
     ask_lines(file);
 }
 
-/// Asks everything of a file of a tree of lines. If verification finds nothing, no question may fail.
+/// Runs all queries of a line tree's file. If verification finds no defects, no query may fail.
 pub fn ask_lines(file: Vec<u8>) {
     let checksum = crc32c::crc32c(&file);
     let Ok(tree) = LineTree::from_backend(Path::new("(fuzz)"), trees::backend(file), &OpenOptions::new())
@@ -26,7 +26,7 @@ pub fn ask_lines(file: Vec<u8>) {
         return;
     };
     let asked = questions(&tree);
-    // (Of some files only.)
+    // (Only for some files.)
     if checksum.is_multiple_of(32) {
         in_file("lines.geojson", b"", |path| {
             let output = Output::create(path).unwrap();
@@ -38,7 +38,7 @@ pub fn ask_lines(file: Vec<u8>) {
     }
 }
 
-/// Asks whatever has an answer soon.
+/// Runs all fast queries.
 fn questions(tree: &LineTree) -> Result<()> {
     let grid = tree.grid();
     let _ = (tree.len(), tree.segments(), tree.leaf_size(), tree.bytes(), tree.attributes(), tree.metadata());
@@ -59,7 +59,7 @@ fn questions(tree: &LineTree) -> Result<()> {
         note(tree.window(window, &()).map(drop));
     }
     note(tree.crossings(&[vec![low, high], vec![[low[0], high[1]], middle, high]], &()).map(drop));
-    // (Places that are too far away to be told from others are refused.)
+    // (Points too distant for exact comparison are refused.)
     let fits = |error: Error| if matches!(error, Error::Invalid { .. }) { Ok(()) } else { Err(error) };
     let nearest = NearestLines::new(tree, 1 << 16).and_then(|nearest| {
         nearest.find(&[low, middle, high, middle], 1, f64::INFINITY, &())?;

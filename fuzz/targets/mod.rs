@@ -1,5 +1,5 @@
-//! Targets of fuzzing: functions of bytes that nobody vouches for. Whatever the bytes are, a target comes to its end soon,
-//! needs little memory and does not panic; what it is told must fit together.
+//! Fuzz targets: functions of untrusted bytes. Whatever the bytes are, a target ends soon, needs
+//! little memory and does not panic; its results must be consistent.
 //!
 //! `fuzz/run` runs them under libFuzzer; `cargo test` replays `fuzz/corpus/`.
 
@@ -32,7 +32,7 @@ pub use trees::{autumnal_read, goblin_read};
 /// Function of bytes that is fuzzed.
 pub type Target = fn(&[u8]);
 
-/// All targets with their names, which are those of their folders in `fuzz/corpus/`.
+/// All targets with their names, which are those of their directories in `fuzz/corpus/`.
 pub const TARGETS: [(&str, Target); 44] = [
     ("autumnal_edit", autumnal_edit),
     ("autumnal_file", autumnal_file),

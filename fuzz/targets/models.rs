@@ -1,4 +1,5 @@
-//! Exact models read: opened, asked everything, verified, written as meshes, and taken for a model to build of.
+//! Reads of exact models: opened, queried, verified, written as meshes, and imported to build
+//! another model.
 
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use spinney::{ExactModel, OpenOptions, Output, Result};
 use super::files::in_file;
 use super::{seal, trees};
 
-/// A file of an exact model whose checksums are made right.
+/// A file of an exact model, whose checksums are corrected.
 pub fn model_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
@@ -21,7 +22,7 @@ pub fn model_read(bytes: &[u8]) {
     ask_model(file);
 }
 
-/// Asks everything of a file of an exact model. If verification finds nothing, no question may fail.
+/// Runs all queries of an exact model's file. If verification finds no defects, no query may fail.
 pub fn ask_model(file: Vec<u8>) {
     let Ok(model) =
         ExactModel::from_backend(Path::new("(fuzz)"), trees::backend(file.clone()), &OpenOptions::new())
@@ -29,9 +30,9 @@ pub fn ask_model(file: Vec<u8>) {
         return;
     };
     let asked = questions(&model);
-    // (What takes longer, of some files only.)
+    // (Slower operations, only for some files.)
     if crc32c::crc32c(&file) % 32 < 2 {
-        // (Faces that bound no body may be no surface that can be written or walked on.)
+        // (Faces that bound no body may not form a surface that can be written or traversed.)
         let _ = topology(&model);
         if crc32c::crc32c(&file).is_multiple_of(64) {
             let _ = surface_intersection(&model, &model, 4 << 20, &());
@@ -47,7 +48,7 @@ pub fn ask_model(file: Vec<u8>) {
     }
 }
 
-/// Asks whatever has an answer soon.
+/// Runs all fast queries.
 pub fn questions(model: &ExactModel) -> Result<()> {
     let grid = model.grid();
     let _ = (model.nodes().total(), model.sections(), model.segments(), model.metadata());
@@ -63,7 +64,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
     note(MassProperties::of(model, &()).map(drop));
     note(tables(model));
     note(model.root().and_then(|root| nodes(model, &root)));
-    // Corners of faces, points between them, and points that are far away or none.
+    // Vertices of faces, points between them, and points that are far off the grid or NaN.
     let most = (1 << grid.bits) - 1;
     let mut points: Vec<[f64; 3]> =
         [[0; 3], [most; 3], [most / 2, 1, most / 3]].map(|point| grid.to_world(point)).into();
@@ -85,7 +86,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
         note(model.signed_distance(pair[0]).map(drop));
         note(model.ray(pair[0], direction).map(drop));
         note(model.crossings(pair[0], pair[1]).map(drop));
-        // (What is everywhere but in a part of space has no sections, nor have planes of what is no number.)
+        // (An unbounded body has no sections, nor do planes with NaN.)
         let distance = (0..3).map(|axis| pair[0][axis] * direction[axis]).sum::<f64>();
         let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
         let section = model.section(&CuttingPlane { normal: direction, distance }, &());
@@ -93,7 +94,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
             note(section.map(drop));
         }
         let [min, max] = [f64::min, f64::max].map(|f| [0, 1, 2].map(|axis| f(pair[0][axis], pair[1][axis])));
-        // (Boxes of what is no number are refused.)
+        // (Boxes with NaN are refused.)
         if min.iter().chain(&max).all(|at| at.is_finite()) {
             note(model.locate_box(min, max).map(drop));
         } else {
@@ -109,7 +110,7 @@ pub fn questions(model: &ExactModel) -> Result<()> {
     done
 }
 
-/// Reads what is said of parts, files and faces, and how the model was made.
+/// Reads the attributes of parts, files and faces, and the model's formula.
 fn tables(model: &ExactModel) -> Result<()> {
     model.formula()?;
     model.file_attributes()?;
@@ -120,7 +121,7 @@ fn tables(model: &ExactModel) -> Result<()> {
         let found = model.part_number(name)?;
         assert!(found.is_none_or(|found| &model.parts()[found as usize] == name));
     }
-    // (Some may be said of parts that there are not.)
+    // (Attributes may refer to parts that do not exist.)
     assert!(told <= count);
     for column in 0..model.part_columns()?.len() as u32 {
         model.each_part_value(column, &mut |_, _| Ok(()))?;
@@ -132,7 +133,7 @@ fn tables(model: &ExactModel) -> Result<()> {
     Ok(())
 }
 
-/// Goes through a node and all below it.
+/// Traverses a node and all below it.
 fn nodes(model: &ExactModel, node: &ModelNode<'_>) -> Result<()> {
     let _ = (node.state(), node.world_box(model.grid()), node.faces().count());
     for child in model.children(node)?.iter().flatten() {
@@ -141,7 +142,7 @@ fn nodes(model: &ExactModel, node: &ModelNode<'_>) -> Result<()> {
     Ok(())
 }
 
-/// Makes a topology, and walks on it.
+/// Builds a topology, and traverses it.
 fn topology(model: &ExactModel) -> Result<()> {
     let options = TopologyOptions { memory: 16 << 20, ..TopologyOptions::default() };
     let topology = Topology::of(model, &options, &())?;
@@ -155,7 +156,7 @@ fn topology(model: &ExactModel) -> Result<()> {
     Ok(())
 }
 
-/// Writes all formats of meshes.
+/// Writes all mesh formats.
 fn exports(model: &ExactModel) {
     use MeshFormat::{CityJson, Obj, Off, Ply, Stl};
     for format in [Ply, Obj, Stl, Off, CityJson] {

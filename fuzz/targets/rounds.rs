@@ -1,5 +1,5 @@
-//! Reading in rounds: walks that are told by the bytes, through a file that comes in ranges and a cache that is too small, against the same
-//! walks in memory.
+//! Batched reads: traversals determined by the input bytes, through a file that is fetched in
+//! ranges with a cache that is too small, compared with the same traversals in memory.
 
 use std::ops::Range;
 use std::path::Path;
@@ -9,7 +9,7 @@ use spinney::Result;
 use spinney::raw::io::batch::{defer_missing, finish_deferred, run_batched};
 use spinney::raw::io::{Fetch, RangeCache, RangeFile, ReadBackend};
 
-/// Bytes in memory that come in ranges.
+/// Bytes in memory that are fetched in ranges.
 pub struct Far(pub Arc<Vec<u8>>);
 
 impl Fetch for Far {
@@ -18,17 +18,18 @@ impl Fetch for Far {
     }
 }
 
-/// A file of bytes, with a cache of so many, and ranges joined that are so near each other.
+/// Returns a file of bytes, with a cache of `cache` bytes; ranges are joined if their gap is at
+/// most `gap` bytes.
 pub fn far(bytes: Arc<Vec<u8>>, cache: u64, gap: u64) -> RangeFile {
     let length = bytes.len() as u64;
     let cache = (Arc::new(RangeCache::new(cache)), RangeCache::file_number());
     RangeFile::new(Path::new("(far)"), length, Box::new(Far(bytes)), cache, gap)
 }
 
-/// Steps of a walk at most: it may go round in circles.
+/// Maximum number of nodes of a traversal, which may be cyclic.
 const MAX_STEPS: u32 = 200;
 
-/// A node of a walk: reads some bytes that `at` tells, and goes on where these lead.
+/// Visits a node of a traversal: reads some bytes at `at`, and continues where these lead.
 fn walk(file: &dyn ReadBackend, at: u64, depth: u8, steps: &mut u32) -> Result<u64> {
     *steps += 1;
     let room = file.len() - 1;
@@ -50,7 +51,7 @@ fn walk(file: &dyn ReadBackend, at: u64, depth: u8, steps: &mut u32) -> Result<u
     finish_deferred(is_unread).map(|()| sum)
 }
 
-/// Walks from places that the bytes tell, in rounds and outside of them.
+/// Traverses from positions in the input bytes, in a batch and outside of it.
 pub fn rounds(bytes: &[u8]) {
     let Some((&[cache, gap, depth], rest)) = bytes.split_first_chunk() else { return };
     if rest.len() < 16 {

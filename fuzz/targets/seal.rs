@@ -1,62 +1,62 @@
-//! Right checksums for files whose fields were changed, as somebody would make them who means harm.
+//! Corrects the checksums of files with changed fields, as an attacker would.
 //!
-//! Only checksums are written: offsets, lengths and counts stay as they are, and what they do not lead to inside the file is
-//! left alone.
+//! Only checksums are written: offsets, lengths and counts stay unchanged, and ranges outside of
+//! the file are ignored.
 
-/// Bytes of the header that both formats have.
+/// Size of the header that both formats have, in bytes.
 pub const HEADER: usize = 24;
-/// Bytes of a Goblin file's end, behind the trailer.
+/// Size of a Goblin file's end, after the trailer, in bytes.
 pub const END: usize = 16;
-/// Bytes of a trailer before its sections.
+/// Size of a trailer before its sections, in bytes.
 pub const TRAILER: usize = 36;
 /// Offset in a trailer of the number of its sections.
 pub const SECTIONS: usize = 32;
-/// Bytes of a layer in the table of layers.
+/// Size of a layer in the table of layers, in bytes.
 pub const LAYER: usize = 152;
-/// Bytes of a section in a trailer.
+/// Size of a section in a trailer, in bytes.
 pub const SECTION: usize = 24;
-/// Offset of the part of an Autumnal file's header page that tells how records are made.
+/// Offset of the record format in an Autumnal file's header page.
 pub const RECORDS: usize = 64;
 /// Offsets of the meta slots.
 pub const SLOTS: [usize; 2] = [4096, 8192];
-/// Bytes of a slot.
+/// Size of a slot in bytes.
 pub const SLOT: usize = 40;
 /// Offset of the first extent.
 pub const FIRST_EXTENT: usize = 12288;
-/// Bytes of an extent's head.
+/// Size of an extent's head in bytes.
 pub const HEAD: usize = 32;
 /// First bytes of a head.
 pub const HEAD_MAGIC: &[u8; 4] = b"Extt";
 const SECTOR: usize = 512;
 const PAGE: usize = 4096;
 
-/// The number of four bytes at an offset; 0 where there is none.
+/// Returns the `u32` at an offset; 0 outside of the file.
 pub fn short(bytes: &[u8], at: usize) -> u32 {
     let four = at.checked_add(4).and_then(|end| bytes.get(at..end));
     four.map_or(0, |four| u32::from_le_bytes(four.try_into().unwrap()))
 }
 
-/// The number of eight bytes at an offset; 0 where there is none.
+/// Returns the `u64` at an offset; 0 outside of the file.
 pub fn long(bytes: &[u8], at: usize) -> u64 {
     let eight = at.checked_add(8).and_then(|end| bytes.get(at..end));
     eight.map_or(0, |eight| u64::from_le_bytes(eight.try_into().unwrap()))
 }
 
-/// Writes a number, where there is room for it.
+/// Writes a `u32` if it is inside the file.
 pub fn set_short(bytes: &mut [u8], at: usize, number: u32) {
     if let Some(four) = at.checked_add(4).and_then(|end| bytes.get_mut(at..end)) {
         four.copy_from_slice(&number.to_le_bytes());
     }
 }
 
-/// Writes a number, where there is room for it.
+/// Writes a `u64` if it is inside the file.
 pub fn set_long(bytes: &mut [u8], at: usize, number: u64) {
     if let Some(eight) = at.checked_add(8).and_then(|end| bytes.get_mut(at..end)) {
         eight.copy_from_slice(&number.to_le_bytes());
     }
 }
 
-/// So many bytes from an offset on, if the file has them.
+/// Returns `length` bytes at an offset, if the file has them.
 fn part(bytes: &[u8], offset: u64, length: u64) -> Option<&[u8]> {
     bytes.get(usize::try_from(offset).ok()?..usize::try_from(offset.checked_add(length)?).ok()?)
 }
@@ -69,21 +69,22 @@ fn seal(bytes: &mut [u8], from: usize, to: usize, at: usize) {
     }
 }
 
-/// Offset of a Goblin file's trailer, by the length that the file's end tells.
+/// Returns the offset of a Goblin file's trailer, from the length in the file's end.
 pub fn trailer(file: &[u8]) -> Option<usize> {
     let end = file.len().checked_sub(END)?;
     end.checked_sub(short(file, end) as usize)
 }
 
-/// Offset of the header's field that tells what the file contains, and what it is of exact models.
+/// Offset of the content type in the header, and its values for exact models and lines.
 const CONTENT: usize = 13;
 const MODEL: u8 = 2;
 const LINES: u8 = 4;
-/// Bytes of an entry of an exact model's lists, and of lists of blocks of lines.
+/// Sizes of an entry in an exact model's lists, and in lists of blocks of lines, in bytes.
 const MODEL_ENTRY: usize = 24;
 const LINE_ENTRY: usize = 44;
 
-/// Offset of the section with a tag in a trailer's list, and place and length of its bytes.
+/// Returns the offset of the section with a tag in a trailer's list, and position and length of its
+/// bytes.
 pub fn section(file: &[u8], tag: &[u8; 4]) -> Option<(usize, usize, usize)> {
     let trailer = trailer(file)?;
     let count = short(file, trailer + SECTIONS) as usize;
@@ -93,13 +94,13 @@ pub fn section(file: &[u8], tag: &[u8; 4]) -> Option<(usize, usize, usize)> {
     part(file, offset, length).map(|_| (at, offset as usize, length as usize))
 }
 
-/// Offsets of the layers in the table of a Goblin file.
+/// Returns the offsets of the layers in the table of a Goblin file.
 pub fn layers(file: &[u8]) -> Vec<usize> {
     let Some((_, offset, length)) = section(file, b"LAYR") else { return Vec::new() };
     (0..(length / LAYER).min(short(file, 16) as usize)).map(|number| offset + number * LAYER).collect()
 }
 
-/// Bytes of an entry of a layer's directory.
+/// Returns the size of an entry in a layer's segment index, in bytes.
 pub fn entry_size(file: &[u8], layer: usize) -> usize {
     let channels = usize::from(file[layer + 1].clamp(1, 4));
     let sample = [1, 2, 2, 4, 4, 4, 8, 1, 8, 8].get(usize::from(file[layer])).copied().unwrap_or(1);
@@ -107,13 +108,14 @@ pub fn entry_size(file: &[u8], layer: usize) -> usize {
     44 + (32 + 2 * sample + present) * channels
 }
 
-/// A page that an entry of an index leads to: the offset of the entry, and where the page is in the file.
+/// A page of an index: the offset of the entry that refers to it, and its range in the file.
 pub type Indexed = (usize, std::ops::Range<usize>);
 
-/// Pages of a layer that are looked at, at most: those of a hostile index may be very many.
+/// Maximum number of pages that are read per layer: a malicious index may have very many.
 const MAX_PAGES: usize = 1 << 14;
 
-/// What the levels of a layer's index lead to, the top first; the last are the pages of the directory.
+/// Returns the pages of a layer's index by level, top first; the last level is the pages of the
+/// segment index.
 pub fn index(file: &[u8], layer: usize) -> Vec<Vec<Indexed>> {
     let (top, length) = (long(file, layer + 120), u64::from(short(file, layer + 128)));
     if part(file, top, length).is_none() {
@@ -138,12 +140,12 @@ pub fn index(file: &[u8], layer: usize) -> Vec<Vec<Indexed>> {
     levels
 }
 
-/// Pages of a layer's directory.
+/// Returns the pages of a layer's segment index.
 pub fn pages(file: &[u8], layer: usize) -> Vec<Indexed> {
     index(file, layer).pop().unwrap_or_default()
 }
 
-/// Offsets of the entries of a page, the copies among them.
+/// Returns the offsets of the entries of a page, including copies.
 pub fn entries(file: &[u8], page: &std::ops::Range<usize>, size: usize) -> Vec<usize> {
     let head = short(file, page.start);
     let (copies, own) = (head as u16 as usize, (head >> 16) as usize);
@@ -151,7 +153,8 @@ pub fn entries(file: &[u8], page: &std::ops::Range<usize>, size: usize) -> Vec<u
     (0..copies + own).map(|number| first + number * size).filter(|at| at + size <= page.end).collect()
 }
 
-/// Seals a Goblin file, also of an exact model or of lines: header, segments, directory, metadata, table of layers, trailer.
+/// Seals a Goblin file, also of an exact model or of lines: header, segments, segment index,
+/// metadata, table of layers, trailer.
 pub fn goblin(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
     let (entry, tags): (usize, &[&[u8; 4]]) = match file.get(CONTENT) {
@@ -173,7 +176,7 @@ pub fn goblin(file: &mut [u8]) {
                 }
             }
         }
-        // (From the pages of the directory up to the top.)
+        // (From the pages of the segment index up to the top.)
         for (entry, page) in levels.iter().rev().flatten() {
             seal(file, page.start, page.end, entry + 20);
         }
@@ -198,14 +201,14 @@ pub fn goblin(file: &mut [u8]) {
         }
         seal(file, offset, offset + length, at + 4);
     }
-    // (The trailer has the header once more.)
+    // (The trailer repeats the header.)
     if trailer + HEADER <= end {
         file.copy_within(..HEADER, trailer);
     }
     seal(file, trailer, end, end + 4);
 }
 
-/// Seals what the entries of a list lead to: blocks, or segments.
+/// Seals the blocks or segments that the entries of a list refer to.
 fn blocks(file: &mut [u8], (start, end): (usize, usize), size: usize) {
     for entry in (start..end).step_by(size).filter(|entry| entry + size <= end) {
         if let Some(piece) = part(file, long(file, entry + 8), short(file, entry + 16).into()) {
@@ -215,7 +218,7 @@ fn blocks(file: &mut [u8], (start, end): (usize, usize), size: usize) {
     }
 }
 
-/// Makes the last bytes of a Goblin file such that it can be one: those that tell where the trailer is, and the length.
+/// Corrects the last bytes of a Goblin file: the trailer's position, and the length.
 pub fn goblin_end(file: &mut [u8]) {
     if file.len() < HEADER + TRAILER + END {
         return;
@@ -228,8 +231,8 @@ pub fn goblin_end(file: &mut [u8]) {
     }
 }
 
-/// Offsets of the heads of an Autumnal file's extents, as they follow each other; where one leads nowhere, those behind are
-/// looked for.
+/// Returns the offsets of the heads of an Autumnal file's extents, in order; if one leads nowhere,
+/// the following ones are searched for.
 pub fn extents(file: &[u8]) -> Vec<usize> {
     let mut found = Vec::new();
     let mut at = FIRST_EXTENT;
@@ -252,7 +255,7 @@ pub fn autumnal(file: &mut [u8]) {
     seal(file, 0, HEADER - 4, HEADER - 4);
     seal(file, RECORDS, RECORDS + 4, RECORDS + 4);
     for slot in SLOTS {
-        // (An empty one has no checksum.)
+        // (An empty slot has no checksum.)
         if file.get(slot..slot + SLOT).is_some_and(|slot| slot.iter().any(|byte| *byte != 0)) {
             seal(file, slot, slot + SLOT - 4, slot + SLOT - 4);
         }
@@ -266,13 +269,14 @@ pub fn autumnal(file: &mut [u8]) {
     }
 }
 
-/// Bytes of a packed file before its extents.
+/// Size of a packed file before its extents, in bytes.
 const PACKED: usize = 72 + 2 * SLOT;
 /// Bit of a packed extent's kind: it starts at a page.
 const AT_PAGE: u8 = 128;
 
-/// An Autumnal file without what is always the same, so that little of what a fuzzer changes is without meaning: 72 bytes of
-/// the header page, the slots, and of each extent its kind, the number of its bytes (`u16`), and these.
+/// Packs an Autumnal file by removing constant bytes, so that most changes by a fuzzer have an
+/// effect: 72 bytes of the header page, the slots, and for each extent its kind, the number of its
+/// bytes (`u16`), and these bytes.
 pub fn packed(file: &[u8]) -> Vec<u8> {
     let mut packed = file[..72].to_vec();
     SLOTS.iter().for_each(|slot| packed.extend(&file[*slot..*slot + SLOT]));
@@ -285,7 +289,7 @@ pub fn packed(file: &[u8]) -> Vec<u8> {
     packed
 }
 
-/// The file of packed bytes, sealed; nothing if there are too few.
+/// Returns the file of packed bytes, sealed; `None` if there are too few.
 pub fn unpacked(packed: &[u8]) -> Option<Vec<u8>> {
     let (start, mut rest) = packed.split_at_checked(PACKED)?;
     let mut file = start[..72].to_vec();

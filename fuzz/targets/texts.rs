@@ -1,4 +1,4 @@
-//! Texts: steps of views, and DF-expressions of quadtrees, octrees and bintrees.
+//! Text formats: operations of views, and DF-expressions of quadtrees, octrees and bintrees.
 
 use spinney::raw::ops::Calculation;
 use spinney::raw::partitions::Bintree;
@@ -7,17 +7,18 @@ use spinney::raw::tree::df;
 use spinney::tree::Source;
 use spinney::{Bounds, Crs, Dataset, Dimension, Rule, SampleType, TreeType, Value, ValueType, ViewStep};
 
-/// A small file to look at through views: the picture of the specification.
+/// A small file for views: the raster of the specification.
 pub const CLASSIC: &[u8] = include_bytes!("../../fixtures/v1/classic.goblin");
 
-/// Cells along an axis of views that are looked through further.
+/// Maximum number of cells along an axis of views that are read further.
 const LONGEST: u64 = 1 << 18;
 
-/// A definition of a coordinate system: what it becomes is read again as the same, and is the same as itself alone.
+/// A definition of a coordinate system: the parsed system's own definition parses to the same
+/// system.
 pub fn crs_text(bytes: &[u8]) {
     let Ok(crs) = Crs::parse(&String::from_utf8_lossy(bytes)) else { return };
     let again = Crs::parse(&crs.definition());
-    // (The text of GeoTIFF keys is for people.)
+    // (The text of GeoTIFF keys is only informative.)
     if !matches!(crs, Crs::GeoKeys(_)) {
         assert!(again.is_ok_and(|again| again.is_same(&crs)), "{}", crs.definition());
     }
@@ -27,7 +28,8 @@ pub fn crs_text(bytes: &[u8]) {
     let _ = (crs.unit(), crs.numbers(), crs.name());
 }
 
-/// Steps, a line each: their texts say the same when they are read again, and views through them answer.
+/// Operations, a line each: their strings parse to the same operations, and views with them can be
+/// queried.
 pub fn step_text(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
     let steps: Vec<ViewStep> = text.lines().take(4).filter_map(|line| line.parse().ok()).collect();
@@ -44,7 +46,7 @@ pub fn step_text(bytes: &[u8]) {
         return;
     };
     for step in steps {
-        // (Of huge pictures a crop, say, takes as long as their border is.)
+        // (In huge rasters a crop, for example, takes time proportional to its border.)
         if view.header().extent.iter().any(|cells| *cells > LONGEST) {
             return;
         }
@@ -63,8 +65,8 @@ pub fn step_text(bytes: &[u8]) {
     }
 }
 
-/// A calculation: its text says the same when it is read again, and with a picture a window has the numbers that its cells have one by
-/// one, and no more of them than statistics count.
+/// A calculation: its string parses to the same calculation. On a raster, a window has the numbers
+/// of its single cells, and at most as many as statistics count.
 pub fn calculation_text(bytes: &[u8]) {
     let text = String::from_utf8_lossy(bytes);
     for calculation in [Calculation::parse(&text), Calculation::parse_reduction(&text)].into_iter().flatten()
@@ -104,7 +106,8 @@ pub fn calculation_text(bytes: &[u8]) {
     }
 }
 
-/// A DF-expression of a form that the first byte chooses: its tree has an expression that makes the same tree.
+/// A DF-expression of a tree type that the first byte selects: its tree has an expression of the
+/// same tree.
 pub fn df_text(bytes: &[u8]) {
     let Some((choice, text)) = bytes.split_first() else { return };
     let dimension = if choice & 1 == 0 { Dimension::Quad } else { Dimension::Oct };
@@ -125,7 +128,8 @@ pub fn df_text(bytes: &[u8]) {
     assert_eq!(df::to_text(&again, Some(full)).unwrap(), text);
 }
 
-/// A DF-expression of a bintree: its tree has an expression that makes the same tree, fills its space, and is as a quadtree or octree what it is.
+/// A DF-expression of a bintree: its tree has an expression of the same tree, fills its space, and
+/// equals its conversion to a quadtree or octree.
 pub fn bintree_text(bytes: &[u8]) {
     const MOST: usize = 4000;
     let Ok(tree) = Bintree::from_text(&String::from_utf8_lossy(bytes), MOST) else { return };
@@ -137,7 +141,7 @@ pub fn bintree_text(bytes: &[u8]) {
         cells += block.volume();
     });
     assert_eq!(cells, space.volume());
-    // (Of few nodes that are long and narrow it may have very many.)
+    // (A tree of few long and narrow nodes may become one of very many.)
     if let Ok(alternating) = Bintree::alternating(&tree, tree.extent(), MOST) {
         let again = Bintree::alternating(&alternating, tree.extent(), MOST).unwrap();
         assert_eq!(again.to_text(), alternating.to_text());

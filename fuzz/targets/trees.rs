@@ -1,4 +1,4 @@
-//! Both formats read: opened, asked everything, verified.
+//! Reads of both formats: opened, queried, verified.
 
 use std::borrow::Cow;
 use std::path::Path;
@@ -13,7 +13,7 @@ use spinney::{Bounds, Dataset, Number, OpenOptions, Result};
 use super::rounds::far;
 use super::seal;
 
-/// Bytes that cannot be seen where they are, as those of files that are read at positions.
+/// Bytes that must be copied, as those of files that are read at offsets.
 pub struct Copied(pub Vec<u8>);
 
 impl ReadBackend for Copied {
@@ -30,18 +30,18 @@ impl ReadBackend for Copied {
     }
 }
 
-/// One way to the bytes or another, the same for the same bytes.
+/// Returns one of several backends; the choice depends only on the bytes.
 pub fn backend(file: Vec<u8>) -> Box<dyn ReadBackend> {
     let file_length = file.len();
     match crc32c::crc32c(&file) % 4 {
         0 => Box::new(Copied(file)),
-        // (A cache that hardly anything fits into, or all.)
+        // (A cache that hardly any range fits into, or a large one.)
         1 => Box::new(far(Arc::new(file), 1 << 10 << (file_length % 11), 64)),
         _ => Box::new(file),
     }
 }
 
-/// A Goblin file whose checksums are made right.
+/// A Goblin file, whose checksums are corrected.
 pub fn goblin_read(bytes: &[u8]) {
     let mut file = bytes.to_vec();
     seal::goblin_end(&mut file);
@@ -49,7 +49,7 @@ pub fn goblin_read(bytes: &[u8]) {
     ask_goblin(file);
 }
 
-/// Asks everything of a Goblin file.
+/// Runs all queries of a Goblin file.
 pub fn ask_goblin(file: Vec<u8>) {
     let Ok(file) = Goblin::from_backend(Path::new("(fuzz)"), backend(file), &OpenOptions::new()) else {
         return;
@@ -59,14 +59,14 @@ pub fn ask_goblin(file: Vec<u8>) {
     }
 }
 
-/// An Autumnal file, packed (see [`seal::packed`]), whose checksums are made right.
+/// An Autumnal file, packed (see [`seal::packed`]), whose checksums are corrected.
 pub fn autumnal_read(bytes: &[u8]) {
     if let Some(file) = seal::unpacked(bytes) {
         ask_autumnal(file);
     }
 }
 
-/// Asks everything of an Autumnal file.
+/// Runs all queries of an Autumnal file.
 pub fn ask_autumnal(file: Vec<u8>) {
     let Ok(file) = Autumnal::from_bytes(file) else { return };
     if let Ok(tree) = Dataset::of(Arc::new(file).into()) {
@@ -74,13 +74,14 @@ pub fn ask_autumnal(file: Vec<u8>) {
     }
 }
 
-/// Records of trees of which everything is asked. Shared subtrees make a small file one that takes for ever.
+/// Maximum number of records of trees that are queried completely: with shared subtrees a small
+/// file can have exponentially many.
 pub(super) const MAX_RECORDS: u64 = 1 << 14;
 /// Cells of a window along an axis.
 const SIDE: u64 = 24;
 
-/// Asks everything that can be asked of a tree. If verification finds nothing, no question may fail, and the answers must fit
-/// together.
+/// Runs all queries of a tree. If verification finds no defects, no query may fail, and the results
+/// must be consistent.
 pub fn ask(tree: &Dataset) {
     let is_small =
         matches!(tree.level_counts(MAX_RECORDS, &()), Ok(Some(_))) && tree.stored_records() <= MAX_RECORDS;
@@ -95,18 +96,18 @@ pub fn ask(tree: &Dataset) {
     }
 }
 
-/// Whether verification finds nothing.
+/// Returns whether verification finds no defects.
 pub fn is_good(tree: &Dataset) -> bool {
     tree.verify(1 << 20, &()).is_ok_and(|findings| findings.is_empty())
 }
 
-/// Box of cells in the middle of a picture, along no axis longer than `most`.
+/// Returns a box of cells in the middle of a raster, along no axis longer than `most`.
 fn middle(size: [u64; 3], most: u64) -> Bounds {
     let min = size.map(|cells| cells / 3);
     Bounds { min, max: std::array::from_fn(|axis| size[axis].min(min[axis] + most)) }
 }
 
-/// Questions that are answered soon whatever the tree is; tells whether the answers fit together.
+/// Runs queries that are fast whatever the tree is; returns whether the results are consistent.
 pub(super) fn questions(tree: &Dataset) -> Result<bool> {
     let header = tree.header();
     let (depth, width) = (tree.depth(), header.form.width());
@@ -123,7 +124,7 @@ pub(super) fn questions(tree: &Dataset) -> Result<bool> {
             let mut bytes = vec![0; bounds.volume() as usize * width];
             let mut valid = vec![false; bounds.volume() as usize];
             let drawn = tree.window(level, &bounds, 7.0, &mut bytes, Some(&mut valid));
-            // The first cell is what a point says.
+            // The first cell equals the point query.
             let mut value = [Number::default(); 4];
             let point = tree.point(bounds.min, level, &mut value);
             if let (Ok(()), Ok(found)) = (&drawn, &point) {
@@ -145,7 +146,7 @@ pub(super) fn questions(tree: &Dataset) -> Result<bool> {
     done.map(|()| fits)
 }
 
-/// Questions that may look at every node; tells whether the answers fit together.
+/// Runs queries that may read every node; returns whether the results are consistent.
 pub(super) fn long_questions(tree: &Dataset) -> Result<bool> {
     let all = Bounds::picture(tree.header().extent);
     let mut count = 0;
@@ -155,7 +156,7 @@ pub(super) fn long_questions(tree: &Dataset) -> Result<bool> {
     })?;
     tree.histogram(&all, 0.0, 9.0, 9, &())?;
     let [known, counted] = [tree.statistics(None, &())?, tree.statistics(Some(all), &())?];
-    // (These refuse what is too large for them.)
+    // (These refuse trees that are too large for them.)
     let _ = tree.df_text(1000);
     let _ = tree.classic_table(1000);
     let _ = tree.leaf_codes(1000);

@@ -9,7 +9,7 @@ import spinney
 
 
 def tour(picture: str) -> float:
-    """Builds a tree of a picture, asks and changes it, and tells the share of cells that are other ones then."""
+    """Builds a tree from a raster, queries and edits it, and returns the share of changed cells."""
     spinney.build(picture, "map.goblin", memory="256M")
     with spinney.open("map.goblin") as ds:
         window: npt.NDArray[np.generic] = ds.read(1, window=(0, 0, 64, 64))
@@ -33,7 +33,9 @@ def tour(picture: str) -> float:
 
 
 def slices(part: str, tool: str) -> tuple[float, int]:
-    """The area of slices of a model, and lines in which its surface passes through another one's."""
+    """Returns the area of slices of a model, and the number of crossing lines with another model's
+    surface.
+    """
     with spinney.open_brep(part) as model, spinney.open_brep(tool) as other:
         section: spinney.Section = model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"], flat=True)
         found: spinney.SurfaceIntersection = model.section("lines.ply", other)

@@ -1,6 +1,6 @@
-"""Pictures and solids larger than memory, kept as quadtrees and octrees on disk.
+"""Rasters and solids larger than memory, stored as quadtrees and octrees on disk.
 
-Any part at any level of detail is read straight from the file::
+Any region at any level of detail is read directly from the file::
 
     import spinney
 
@@ -8,36 +8,39 @@ Any part at any level of detail is read straight from the file::
         ds.read(1, window=(96, 64, 64, 64))     # cells, as NumPy arrays
         ds[64:128, 96:160]                      # the same
         ds.level(5)[...]                        # coarser cells
-        ds.sample([(305000, 3196000)])          # values at places in the world
+        ds.sample([(305000, 3196000)])          # values at world coordinates
         ds.stats((303000, 3194000, 307000, 3198000), coordinates="world")
 
-Exact models, the boundaries of bodies kept as they are, are built by `build_brep` and opened by `open_brep`::
+Exact models (boundary representations) are built by `build_brep` and opened by `open_brep`::
 
     with spinney.open_brep("house.goblin") as model:
         model.mass().volume
         model.contains(points)                  # exact, for an array of points
         trimesh.Trimesh(*model.triangles())
 
-Trees of points are built by `build_points` and opened by `open_points`::
+Point trees are built by `build_points` and opened by `open_points`::
 
     with spinney.open_points("scan.goblin") as points:
         points.read(window=(500100, 5200100, 500300, 5200250))
         points.nearest(places, k=3)
 
-Trees of lines are built by `build_lines` and opened by `open_lines`::
+Line trees are built by `build_lines` and opened by `open_lines`::
 
     with spinney.open_lines("roads.goblin") as roads:
         distances, features, places = roads.nearest(houses)
 
-Trees are made of picture files, models of solids and arrays (`build`), of other trees (`transform`, `combine`), and
-changed in place (`edit`). With xarray installed, `xarray.open_dataset(path, engine="spinney")` opens them lazily.
+Trees are built from raster files, models of solids and arrays (`build`) or from other trees
+(`transform`, `combine`), and edited in place (`edit`). With xarray installed,
+`xarray.open_dataset(path, engine="spinney")` opens them lazily.
 
-Arrays are new ones: cells are unpacked from the tree. `out=` reads into an array that is there; `numpy.from_dlpack(ds)` and
-`numpy.asarray(ds)` read everything; `ds.mapped(...)` shows dense cells where they stand in the file, without a copy.
+Reads return new arrays: cells are unpacked from the tree. `out=` reads into an existing array;
+`numpy.from_dlpack(ds)` and `numpy.asarray(ds)` read everything; `ds.mapped(...)` returns dense
+cells of the mapped file without a copy.
 
-Errors are those of Python: ValueError for arguments that make no sense, IndexError for cells that there are not, OSError
-(FileNotFoundError, ...) for what files do, each with the library's message. Ctrl-C stops long work within a second, and
-nothing is left behind. Everything but a few lines runs without the interpreter's lock, so that threads work side by side.
+Errors are Python's own: ValueError for invalid arguments, IndexError for cells that do not exist,
+OSError (FileNotFoundError, ...) for files, each with the library's message. Ctrl-C cancels a long
+job within a second and leaves no partial output. Almost all work runs without the interpreter's
+lock, so threads run in parallel.
 """
 
 from ._build import build

@@ -1,4 +1,4 @@
-"""Arrays that are built in shards: the layers that they are, and the chunks of Dask that these are read from."""
+"""Arrays that are built in shards: their layers, and the Dask chunks that these are read from."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ._stack import GivenLayers, layers_of, one_layer, stack_layers
 from ._times import text_of_time
 from ._metadata import crs_text
 
-#: Options of `spinney.build` for arrays, and what they are if nothing is said.
+#: Options of `spinney.build` for arrays, with their defaults.
 _OPTIONS: dict[str, Any] = {
     **dict.fromkeys(("dims", "mask", "kind", "rule", "nodata", "transform", "crs", "depth", "names", "times")),
     **dict.fromkeys(("categories", "colormap", "descriptions", "scales", "offsets", "units", "tags")),
@@ -24,7 +24,9 @@ _OPTIONS: dict[str, Any] = {
 
 
 def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> GivenLayers:
-    """The layers that `spinney.build` makes of arrays with these options; none is read. Chunks of Dask are kept for as long as there is memory."""
+    """Returns the layers that `spinney.build` makes of arrays with these options, without reading
+    them. Dask chunks are cached within the memory limit.
+    """
     if unknown := sorted(options.keys() - _OPTIONS.keys()):
         raise TypeError(f"{', '.join(unknown)}: not for arrays that are built in shards")
     said = _OPTIONS | options
@@ -45,7 +47,7 @@ def given_layers(source: Any, memory: int | str = MEMORY, **options: Any) -> Giv
 
 
 def _keep_chunks(given: GivenLayers, memory: int) -> None:
-    """Has arrays of Dask read chunk by chunk, each once as long as it is kept, with so much memory for all layers."""
+    """Has Dask arrays read chunk by chunk, with `memory` for the cached chunks of all layers."""
     each = memory // max(1, len(given.layers))
     for layer in given.layers:
         blocks = layer["read"].__self__
@@ -57,13 +59,13 @@ def _keep_chunks(given: GivenLayers, memory: int) -> None:
 
 
 def chunks_of(given: GivenLayers) -> list[Chunks]:
-    """The arrays of Dask that layers are read from."""
+    """Returns the Dask arrays that layers are read from."""
     arrays = [getattr(layer["read"].__self__, name) for layer in given.layers for name in ("source", "mask")]
     return [array for array in arrays if isinstance(array, Chunks)]
 
 
 def _dask() -> Any:
-    """The package dask. (It has few types.)"""
+    """Returns the package dask, which is mostly untyped."""
     import dask
 
     return dask
@@ -74,9 +76,11 @@ def _is_dask(array: Any) -> bool:
 
 
 class Chunks:
-    """An array of Dask, of which parts are asked for: chunks are computed as they are needed, all that a part lacks at a time, and the last ones are kept.
+    """A Dask array whose chunks are computed on demand. All missing chunks of a request are
+    computed together; the most recent ones are cached.
 
-    `memory` is what those may have that are not needed at the moment. `scheduler` computes them; that of the process if there is none.
+    `memory` is the limit, in bytes, of cached chunks that the current request does not need.
+    `scheduler` computes them, by default that of the process.
     """
 
     def __init__(self, array: Any, memory: int) -> None:
@@ -111,7 +115,7 @@ class Chunks:
         return made
 
     def _computed(self, places: list[tuple[int, ...]]) -> dict[tuple[int, ...], Any]:
-        """Some chunks, of which those are computed that are not there."""
+        """Returns chunks, computing those that are not cached."""
         missing = [place for place in places if place not in self.kept]
         found = dict(zip(missing, _dask().compute(*(self.array.blocks[place] for place in missing), scheduler=self.scheduler)))
         for place in places:

@@ -1,4 +1,4 @@
-"""Arrays: masks, windows that stick out, points."""
+"""Arrays: masks, windows that extend beyond the raster, points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ if TYPE_CHECKING:
 
 
 def masked(array: Array, void: npt.NDArray[np.bool_], missing: float | None, fill: float) -> Any:
-    """A masked array of bands, from flags of cells that are VOID and the number of samples that are missing."""
+    """Returns a masked array of bands, from the flags of VOID cells and the number that marks
+    missing samples.
+    """
     mask = np.array(np.broadcast_to(void, array.shape))
     if missing is not None:
         mask |= array == array.dtype.type(missing)
@@ -26,11 +28,11 @@ def masked(array: Array, void: npt.NDArray[np.bool_], missing: float | None, fil
 
 
 SPARSE = 64
-"""Cells for each one that is wanted from which on these are looked up one by one."""
+"""Cells per requested cell from which cells are read one by one."""
 
 
 def corner(window: Any, axes: int) -> tuple[list[float], list[float]]:
-    """First cell and size of a window, x first."""
+    """Returns the first cell and the size of a window, x first."""
     if hasattr(window, "col_off"):
         window = (window.col_off, window.row_off, window.width, window.height)
     numbers = np.asarray(window, dtype=float)
@@ -48,11 +50,13 @@ def corner(window: Any, axes: int) -> tuple[list[float], list[float]]:
 
 
 Sizes = tuple[int | None, Any, bool]
-"""The level, the shape and the exactness of what is read."""
+"""Level, output shape, and exactness of a read."""
 
 
 def boundless(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: Sizes, want_mask: bool, fill: float | None, _: bool) -> Any:
-    """Reads a window of whole cells that may stick out of the raster, where everything is VOID."""
+    """Reads a window with integer bounds that may extend beyond the raster, where everything is
+    VOID.
+    """
     level, out_shape, exact = sizes
     begin, lengths = corner(window, tree.ndim)
     first, size = [int(at) for at in begin], [int(length) for length in lengths]
@@ -65,14 +69,15 @@ def boundless(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: 
             raise ValueError("out_shape and level: give one of them")
         return _boundless_resampled(tree, bands, (first, size, shape), _out_size(tree, bands, out_shape), exact, want_mask, fill)
     shift = _shift(tree, level)
-    # In cells of the level: those that the window covers, and those of them that there are.
+    # In cells of the level: those that the window covers, and those of them in the raster.
     low = [start >> shift for start in first]
     high = [-(-(start + length) >> shift) for start, length in zip(first, size)]
     ends = [-(-cells >> shift) for cells in shape]
     inside = [(max(a, 0), min(b, end)) for a, b, end in zip(low, high, ends)]
     result = _void(tree, bands, [b - a for a, b in zip(low[::-1], high[::-1])], want_mask, fill)
     if all(a < b for a, b in inside):
-        # (Deepest cells: a window that begins and ends with cells of the level, but for the raster's edge.)
+        # (In deepest cells: the window's bounds are multiples of the level's cells, except at the
+        # raster's edge.)
         begin = [a << shift for a, _ in inside]
         end = [min(b << shift, cells) for (_, b), cells in zip(inside, shape)]
         part = tree.read(
@@ -96,7 +101,9 @@ def _boundless_resampled(
     want_mask: bool,
     fill: float | None,
 ) -> Any:
-    """Reads a window of any size as so many pixels: where it sticks out, as that of a view in which it does not."""
+    """Reads a window of any size as `out_size` pixels. If it extends beyond the raster, it is read
+    from a view whose canvas contains it.
+    """
     first, size, shape = within
     options: dict[str, Any] = {"out_shape": out_size, "exact": exact, "masked": want_mask, "fill": fill}
     if not _sticks_out(first, size, shape):
@@ -109,8 +116,9 @@ def _boundless_resampled(
 
 
 def fractional(tree: Dataset, bands: int | list[int] | None, window: Any, sizes: Sizes, want_mask: bool, fill: float | None, may_stick_out: bool) -> Any:
-    """Reads a window that begins or ends within cells, as rasterio does: pixels divide it equally, as many as its lengths are, rounded, or as
-    `out_shape` says, and each is the cell at its centre."""
+    """Reads a window with fractional bounds as rasterio does: pixels divide it equally, and each is
+    the cell at its centre. Their number is the window's lengths, rounded, or `out_shape`.
+    """
     level, out_shape, exact = sizes
     if exact:
         raise ValueError("exact: is for windows of whole cells")
@@ -130,7 +138,7 @@ def fractional(tree: Dataset, bands: int | list[int] | None, window: Any, sizes:
     cells = [np.floor(at + (np.arange(count) + 0.5) * (long / count) + 1e-10).astype(np.int64) for at, long, count in zip(start, length, wanted)]
     if not may_stick_out:
         cells = [np.clip(along, 0, limit - 1) for along, limit in zip(cells, limits)]
-    # (Cells ascend: those that there are follow each other.)
+    # (Cells ascend, so that existing ones are contiguous.)
     parts = [slice(*np.searchsorted(along, (0, limit)).tolist()) for along, limit in zip(cells, limits)]
     found = [along[part] for along, part in zip(cells, parts)]
     result = _void(tree, bands, wanted, want_mask, fill)
@@ -142,7 +150,7 @@ def fractional(tree: Dataset, bands: int | list[int] | None, window: Any, sizes:
 def _picked(
     tree: Dataset, bands: int | list[int] | None, cells: list[npt.NDArray[np.int64]], level: int | None, shift: int, want_mask: bool, fill: float | None
 ) -> Any:
-    """The cells of a level at some rows and columns, which ascend."""
+    """Returns the cells of a level at ascending rows and columns."""
     spans = [int(along[-1] - along[0]) + 1 for along in cells]
     count = int(np.prod([len(along) for along in cells]))
     if float(np.prod(np.array(spans, dtype=float))) > SPARSE * count:
@@ -158,12 +166,12 @@ def _picked(
 
 
 def _sticks_out(first: Sequence[float], size: Sequence[float], shape: Sequence[int]) -> bool:
-    # (Windows that are calculated from coordinates are off by some rounding.)
+    # (Windows computed from coordinates have rounding errors.)
     return any(start < -1e-6 or start + length > cells + 1e-6 for start, length, cells in zip(first, size, shape))
 
 
 def _fill(tree: Dataset, fill: float | None, want_mask: bool, sticks_out: bool) -> float | None:
-    """The number for what is outside: that of the caller, or one that is free."""
+    """Returns the number for cells outside: the caller's, or an unused one."""
     if fill is not None or not sticks_out:
         return fill
     if not want_mask and not tree._has_free_number():
@@ -172,7 +180,7 @@ def _fill(tree: Dataset, fill: float | None, want_mask: bool, sticks_out: bool) 
 
 
 def _void(tree: Dataset, bands: int | list[int] | None, shape: Sequence[int], want_mask: bool, fill: float | None) -> Any:
-    """An array of VOID."""
+    """Returns an array of VOID."""
     count = [] if isinstance(bands, int) else [tree.count if bands is None else len(bands)]
     void = tree.fill_value if fill is None else fill
     result: Any = np.full((*count, *shape), np.array(void).astype(tree.dtype), dtype=tree.dtype)
@@ -183,7 +191,7 @@ def _void(tree: Dataset, bands: int | list[int] | None, shape: Sequence[int], wa
 
 
 def _shift(tree: Dataset, level: int | None) -> int:
-    """Levels above the deepest one."""
+    """Returns the number of levels above the deepest one."""
     shift = 0 if level is None else tree.depth - level
     if not 0 <= shift <= tree.depth:
         raise ValueError(f"level: {level}, the tree's levels are 0 to {tree.depth}")
@@ -191,7 +199,7 @@ def _shift(tree: Dataset, level: int | None) -> int:
 
 
 def _out_size(tree: Dataset, bands: int | list[int] | None, shape: Any) -> tuple[int, int]:
-    """Rows and columns, of `(rows, columns)` or `(bands, rows, columns)`."""
+    """Returns rows and columns from `(rows, columns)` or `(bands, rows, columns)`."""
     if tree.ndim == 3:
         raise ValueError("out_shape: octrees are read by level; see `slice`")
     count = 1 if isinstance(bands, int) else tree.count if bands is None else len(bands)
@@ -202,8 +210,10 @@ def _out_size(tree: Dataset, bands: int | list[int] | None, shape: Any) -> tuple
 
 
 def coordinates_of_points(points: Any, axes: int) -> tuple[Any, Any]:
-    """Points of shapely, geopandas and GeoJSON as rows of coordinates, and their coordinate system if they have one; others as they are. Missing and
-    empty points are NaN."""
+    """Returns points of shapely, geopandas and GeoJSON as rows of coordinates, with their
+    coordinate system if they have one; other input is returned unchanged. Missing and empty points
+    are NaN.
+    """
     if hasattr(points, "geom_type") and hasattr(points, "crs"):
         series = points.geometry
         kinds = set(series.geom_type.dropna())
@@ -226,7 +236,7 @@ def coordinates_of_points(points: Any, axes: int) -> tuple[Any, Any]:
 
 
 def _position(point: Any, axes: int) -> Sequence[float]:
-    """The coordinates of a point of shapely or GeoJSON."""
+    """Returns the coordinates of a shapely or GeoJSON point."""
     document = getattr(point, "__geo_interface__", point)
     document = (document.get("geometry") or {"type": "Point", "coordinates": ()}) if document.get("type") == "Feature" else document
     if document.get("type") != "Point":
@@ -238,7 +248,7 @@ def _position(point: Any, axes: int) -> Sequence[float]:
 
 
 def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np.float64]:
-    """Points as an array with a row each."""
+    """Returns points as an array with a row each."""
     given, crs = coordinates_of_points(points, axes)
     if crs is not None:
         raise TypeError(f"{name}: points with a coordinate system of their own; bring them to the file's, and give rows of {axes} numbers")
@@ -258,13 +268,13 @@ def points_of(points: Points, axes: int, name: str = "points") -> npt.NDArray[np
 
 
 def rows_of(points: Any, name: str) -> npt.NDArray[np.float64]:
-    """Points as rows; one alone is a row."""
+    """Returns points as rows; a single point is one row."""
     array = np.asarray(points if hasattr(points, "__array__") else list(points))
     return points_of(array[None] if array.ndim == 1 and array.size else array, 3, name)
 
 
 def of_layers(tree: Any, layers: Any, options: dict[str, Any]) -> Array:
-    """Cells of several layers of a file, one behind the other along the first axis."""
+    """Reads cells of several layers of a file, concatenated along the first axis."""
     if isinstance(layers, str):
         raise TypeError("layers: expected a list of names")
     opened = [tree[str(name)] for name in layers]

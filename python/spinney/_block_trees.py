@@ -1,4 +1,4 @@
-"""What trees of points and trees of lines have in common as open files."""
+"""Common base of open point trees and line trees."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ def _reopen(
 
 
 class BlockTree:
-    """An open file of blocks: a context manager that is pickled by its path. The native class beside it knows path, `_facts` and the rest."""
+    """An open file of blocks: a context manager that is pickled by its path. Subclasses also
+    inherit from a native class, which has `path`, `_facts` and the rest.
+    """
 
     def __fspath__(self: Any) -> str:
         path: str = os.fspath(self.path)
@@ -44,11 +46,11 @@ class BlockTree:
 
     @property
     def crs(self: Any) -> str | None:
-        """The coordinate system, where known."""
+        """The coordinate system, if known."""
         crs: str | None = self._facts()["crs"]
         return crs
 
     @property
     def tags(self: Any) -> dict[str, str]:
-        """What else was said of what is in the file."""
+        """Further metadata of the file, by name."""
         return dict(self._facts()["tags"])

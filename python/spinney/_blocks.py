@@ -12,7 +12,7 @@ from ._types import Array
 
 
 class Blocks:
-    """An array that is read block by block, with bands last and of a type that trees have."""
+    """An array that is read block by block, with bands last, in a sample type that trees have."""
 
     def __init__(
         self,
@@ -59,10 +59,10 @@ class Blocks:
         given = np.dtype(source.dtype)
         self.is_mask = given == np.bool_ and self.channels == 1
         self.is_solid = self.is_mask and self.axes == 3
-        # Samples that were made wider, so that VOID has a number, get their own type again.
+        # Samples that were widened to have a number for VOID get their own type again.
         self.narrow: np.dtype[Any] | None = told.get("dtype")
         self.void = told.get("void_sample")
-        # Where VOID has neither colour nor opacity, or is nothing of a solid.
+        # Whether VOID cells are zeros: without colour and opacity, or empty in a solid.
         self.is_zero_void = told.get("alpha") is not None or told.get("rule") == "occupancy"
         self.nodata = None if nodata is None or np.isnan(nodata) else nodata
         self.dtype = _kept(given) if self.narrow is None else self.narrow
@@ -70,7 +70,7 @@ class Blocks:
             _check_mask(mask, self.extent[: self.axes][::-1])
 
     def read(self, origin: list[int], size: list[int]) -> tuple[Array, npt.NDArray[np.bool_] | None]:
-        """The samples of a block, and flags of those that are not VOID."""
+        """Returns the samples of a block, and flags of those that are not VOID."""
         along = {name: slice(first, first + cells) for name, first, cells in zip("xyz", origin, size)}
         block = _loaded(self.source[tuple(along.get(name, slice(None)) for name in self.dims)])
         hidden = np.ma.getmaskarray(block) if isinstance(block, np.ma.MaskedArray) else None
@@ -99,7 +99,7 @@ class Blocks:
         return samples, None if shown is None else np.ascontiguousarray(shown)
 
     def _void_samples(self, array: Array) -> npt.NDArray[np.bool_] | None:
-        """The samples that are no values."""
+        """Returns which samples have no value."""
         if self.void is not None:
             return np.asarray(array == self.void)
         if array.dtype.kind == "f" and ("b" in self.dims or self.dtype.kind != "f"):
@@ -114,7 +114,9 @@ class Blocks:
         shown: npt.NDArray[np.bool_] | None,
         origin: list[int],
     ) -> tuple[Array, npt.NDArray[np.bool_]]:
-        """Cells that have no value in any band. Those that lack some bands are refused, or get the number for that."""
+        """Returns which cells have no value in any band. Cells that lack only some bands are
+        refused, or get the nodata number.
+        """
         void = np.asarray(lacking.all(axis=-1))
         partial = lacking.any(axis=-1) & ~void
         if shown is not None:
@@ -134,7 +136,7 @@ class Blocks:
         return array, void
 
     def _as_kept(self, array: Array, shown: npt.NDArray[np.bool_] | None) -> Array:
-        """The samples in the type that is kept."""
+        """Converts samples to the type that is stored."""
         if self.narrow is None:
             return np.ascontiguousarray(array, dtype=self.dtype)
         limits = np.iinfo(self.dtype)
@@ -147,15 +149,15 @@ class Blocks:
 
 
 def _either(a: Any, b: Any, join: Callable[..., Any] = np.logical_or) -> Any:
-    """Two arrays of flags joined, of which each may not be there."""
+    """Joins two arrays of flags, each of which may be `None`."""
     return b if a is None else a if b is None else join(a, b)
 
 
 def _loaded(block: Any) -> Any:
-    """The array in memory that a part of a source is."""
+    """Returns a region of a source as an array in memory."""
     if hasattr(block, "dims") and hasattr(block, "data"):
         block = block.data
-    # (Dask: `numpy.asarray` would forget masks.)
+    # (Dask: `numpy.asarray` would drop masks.)
     return block.compute() if hasattr(block, "compute") else block
 
 
@@ -166,12 +168,12 @@ def _check_mask(mask: Any, cells: list[int]) -> None:
         raise ValueError(f"mask: has the shape {shape}, the cells {tuple(cells)}{bands}")
     kind = getattr(mask, "dtype", None) or np.asarray(mask).dtype
     if kind != np.bool_:
-        # (Masks of GDAL are 0 where nothing is: the other way round.)
+        # (GDAL masks are inverted: they are 0 for cells without data.)
         raise TypeError(f"mask: expected booleans, true where a cell is VOID, got {kind}")
 
 
 def _kept(given: np.dtype[Any]) -> np.dtype[Any]:
-    """The type of samples in a tree of such an array."""
+    """Returns the type of samples in a tree of such an array."""
     wider = {"bool": "uint8", "float16": "float32"}
     advice = {
         "V": "build one of its fields, such as array['name']",
@@ -194,7 +196,7 @@ def usual_dims(shape: tuple[int, ...]) -> str:
 
 
 class _Bands:
-    """Arrays that come one below the other, as one array that is read from the top down."""
+    """Arrays stacked vertically, as one array that is read top down."""
 
     def __init__(self, parts: Iterator[Any], shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
         self.parts = parts

@@ -1,4 +1,4 @@
-"""Trees of arrays, picture files, models of solids and features."""
+"""Building trees from arrays, raster files, models of solids and features."""
 
 from __future__ import annotations
 
@@ -79,48 +79,66 @@ def build(
     fractions: bool = False,
     where: Mapping[str, Any] | str | None = None,
 ) -> None:
-    """Makes a tree, `out`: a .goblin file, compact and read-only, or an .autumn file, which can be edited.
+    """Builds a tree, `out`: a .goblin file, compact and read-only, or an .autumn file, which can be
+    edited.
 
     The source is
 
-    - a tree: a `Dataset`, also a view, a `Level` of one, or the path of a file. The new one has the same cells, at every level of
-      detail, and tells the same about them; what is said here counts. With another `rule` coarser levels are made anew.
-    - an array, or anything that has `shape`, `dtype` and slices: NumPy (mapped files, too), Dask, zarr, h5py. It is read
-      block by block. `dims` names its axes: `"yx"`, `"byx"` (the usual of three axes, as rasterio has them), `"yxb"`, or of
-      octrees `"zyx"`, `"bzyx"`, `"zyxb"`. Cells are VOID where a masked array or `mask` is true, and where all bands have the
-      number `nodata` or NaN. Booleans are classes, 0 and 1; octrees of them are solids. Cells that lack some of their bands,
-      and not all, are refused; with a `nodata` these samples become that number.
-    - a DataArray of xarray, which tells its axes (`band`, `z`, `y`, `x`), transform, coordinate system, nodata number, scales,
-      units, names of bands and classes, kind and rule itself, as rioxarray, the CF conventions and this package's engine have
-      them. What is said here counts. Of one with an axis `time` each time becomes a layer, which tells it; with `stack` each band.
-    - an iterator of arrays, one below the other, which together have `shape` and `dtype`.
-    - the path of a raster file (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance HDR, SRTM `.hgt`), or several of one grid (the last
-      lies on top); `bands` (by number or name), `layer` (of OpenEXR), `pages` (of TIFF, the number of one from 0) and `keep_transparent` are for these, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they are warped (`resampling`, `allow_ballpark`).
-    - with `stack`, paths whose bands become layers beside each other, as `spinney build --stack` has them: `names` and `times` are theirs, and those on
-      other grids are warped (`resampling`, `allow_ballpark`). `pages="layers"` makes a layer of each page, `pages="z"` a volume.
-    - a mapping of names to arrays (or DataArrays, or all to paths), each of which becomes a layer with a type and a mask of its own.
-      Smaller ones have cells 2, 4, 8 ... times as large. `nodata`, `kind`, `rule`, `mask`, `units`, `categories` and the like are for all
-      of them, or mappings of names to what each has; `transform` is that of the finest cells. With `stack`, arrays in a list and
-      the bands of an array are layers, too. `times`, as datetime64 or as ISO 8601 writes them, are those of what they show.
-    - an open dataset of rasterio, whose bands, masks, place and names are those of the tree, or with `stack` of its layers; a Dataset of
-      xarray, whose variables are the bands, or with `stack`, or an axis `time`, the layers.
-    - the path of a volume, an NPY or NRRD file; with `pages="z"` paths of pictures, or of a folder of pictures, each of which is a plane.
-    - a mesh: one of trimesh, anything with `vertices` and `faces`, or a pair of arrays of these; see models.
-    - paths of files of features (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a `__geo_interface__` (a GeoDataFrame,
-      shapely): points, lines and polygons become the cells that they have, of the width `cell` in units of their coordinates, `cells` along
-      the longer side, or those of a `grid`; with `value` (a number, or the name of an attribute), `overlaps`, `dtype`, `width` (of lines), `edge`, `fractions`, `where`
-      (`"code=3,area>100"`) and `layer` as `spinney build` has them.
-    - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side or the width of a `cell` or
-      those of another octree (`grid`), and `edge`, `attribute`, `shell`, `up` and `unit` as `spinney build` has them.
+    - a tree: a `Dataset` (also a view), a `Level` of one, or the path of a file. The new tree has
+      the same cells, at every level of detail, and the same metadata, unless arguments replace it.
+      With another `rule` coarser levels are recomputed.
+    - an array, or anything that has `shape`, `dtype` and slices: NumPy (mapped files, too), Dask,
+      zarr, h5py. It is read block by block. `dims` names its axes: `"yx"`, `"byx"` (the default for
+      three axes, as in rasterio), `"yxb"`, or for octrees `"zyx"`, `"bzyx"`, `"zyxb"`. Cells are
+      VOID where a masked array or `mask` is true, and where all bands have the number `nodata` or
+      NaN. Booleans are classes, 0 and 1; octrees of them are solids. Cells that lack only some of
+      their bands are refused; with a `nodata` these samples become that number.
+    - an xarray DataArray. Its axes (`band`, `z`, `y`, `x`), transform, coordinate system, nodata
+      number, scales, units, band and class names, kind and rule are read as written by rioxarray,
+      the CF conventions and this package's engine; arguments take precedence. With an axis `time`
+      each time becomes a layer that records it; with `stack` each band does.
+    - an iterator of arrays, stacked vertically, which together have `shape` and `dtype`.
+    - the path of a raster file (TIFF, PNG, JPEG, WebP, OpenEXR, BMP, GIF, PNM, TGA, QOI, Radiance
+      HDR, SRTM `.hgt`), or several of one grid (the last is on top). For these there are `bands`
+      (by number or name), `layer` (of OpenEXR), `pages` (of TIFF, a page number from 0) and
+      `keep_transparent`, and `grid`: "xyz" (with `max_zoom`) or a tree file, to whose cells they
+      are warped (`resampling`, `allow_ballpark`).
+    - with `stack`, paths of rasters whose bands become separate layers, as with `spinney build
+      --stack`; `names` and `times` are those of the layers. Rasters on other grids are warped
+      (`resampling`, `allow_ballpark`). `pages="layers"` makes a layer of each page, `pages="z"` a
+      volume.
+    - a mapping of names to arrays (or DataArrays, or all to paths), each of which becomes a layer
+      with its own type and mask. Smaller ones have cells 2, 4, 8 ... times as large. `nodata`,
+      `kind`, `rule`, `mask`, `units`, `categories` and the like apply to all layers, or are
+      mappings by layer name; `transform` is that of the finest cells. With `stack`, arrays in a
+      list and the bands of an array are layers, too. `times`, as datetime64 or ISO 8601 strings,
+      are acquisition times.
+    - an open rasterio dataset, whose bands, masks, georeferencing and names become those of the
+      tree, or with `stack` of its layers; an xarray Dataset, whose variables are the bands, or with
+      `stack`, or an axis `time`, the layers.
+    - the path of a volume, an NPY or NRRD file; with `pages="z"` paths of images, or of a directory
+      of images, each of which is a plane.
+    - a mesh: a trimesh mesh, anything with `vertices` and `faces`, or a pair of arrays of these;
+      see models.
+    - paths of feature files (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a
+      `__geo_interface__` (a GeoDataFrame, shapely). Points, lines and polygons are rasterized, to
+      cells of the width `cell` in units of their coordinates, to `cells` along the longer side, or
+      to those of a `grid`; `value` (a number, or the name of an attribute), `overlaps`, `dtype`,
+      `width` (of lines), `edge`, `fractions`, `where` (`"code=3,area>100"`) and `layer` are as for
+      `spinney build`.
+    - paths of models of solids (PLY, OBJ, STL, OFF, CityJSON): `cells` along the longest side, the
+      width of a `cell`, or the cells of another octree (`grid`); `edge`, `attribute`, `shell`, `up`
+      and `unit` are as for `spinney build`.
 
-    `transform` has six numbers as rasterio's, or is a matrix of 3 x 4 or 4 x 4; `crs` anything whose text is a definition:
-    `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is what may be used beyond the source itself.
-    With the `codec` "packed" segments of a .goblin file take few bytes, and are unpacked when they are used.
-    `time` is that of the commit that an .autumn file begins with, in seconds since the beginning of 1970: that of SOURCE_DATE_EPOCH, if the
-    environment has it, and otherwise none, so that the same source makes the same bytes. An output that would have more than `max_bytes`
-    (`"2G"`) is an OSError. `threads` work on it, one for each processor if nothing is said; the file is the same whatever their number.
+    `transform` has six numbers as in rasterio, or is a matrix of 3 x 4 or 4 x 4. `crs` is anything
+    whose string is a definition: `"EPSG:4326"`, WKT, a CRS of rasterio or pyproj. `memory` is the
+    limit in addition to the source itself. With the `codec` "packed" segments of a .goblin file are
+    compressed, and unpacked when they are used. `time` is that of an .autumn file's first commit,
+    in seconds since 1970. Its default is SOURCE_DATE_EPOCH if the environment has it, and otherwise
+    none, so that equal sources give equal bytes. An output larger than `max_bytes` (`"2G"`) raises
+    OSError. `threads` is by default one per processor; the file does not depend on their number.
 
-    The output appears when it is complete. Ctrl-C, and whatever else goes wrong, leaves nothing behind.
+    The output appears when it is complete. Ctrl-C or an error leaves no partial output.
     """
     size = memory_of(memory)
     if depth is not None and not 0 <= depth <= 64:

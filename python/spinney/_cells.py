@@ -1,4 +1,4 @@
-"""Cells of trees as lazy arrays of xarray."""
+"""Cells of trees as lazy xarray arrays."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from ._dataset import Dataset
 
 
 class Cells(BackendArray):
-    """The cells of a level with an axis for bands, read when they are asked for."""
+    """The cells of a level with an axis for bands, read on access."""
 
     def __init__(self, tree: Dataset, level: int, void: Void) -> None:
         self.tree = tree
         self.level = level
         self.shape = (tree.count, *tree._shape_at(level))
         self.dtype = void.dtype
-        # The number for VOID, where it is not the one that trees fill arrays with.
+        # The number for VOID, if it differs from the tree's own fill value.
         self.fill = None if void.number is None or _same(void.number, tree.fill_value) else void.number
 
     def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
         return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.BASIC, self.read)
 
     def __getstate__(self) -> dict[str, Any]:
-        # (The version is of no use to a copy, but tokens of Dask are those of pickled bytes.)
+        # (Copies do not need the version, but Dask tokens are computed from pickled bytes.)
         return {**self.__dict__, "version": self.tree.__dask_tokenize__()}
 
     def read(self, key: tuple[Any, ...]) -> Any:
-        """The cells at a basic index."""
+        """Returns the cells at a basic index."""
         band, *cells = key
         if self.fill is not None:
             return self._filled(cells)[band]
@@ -39,7 +39,7 @@ class Cells(BackendArray):
         return (found[np.newaxis] if self.tree.count == 1 else found)[band]
 
     def _filled(self, key: Sequence[Any]) -> Any:
-        """Cells of all bands, with the number that was chosen for VOID."""
+        """Returns cells of all bands, with the number that was chosen for VOID."""
         first, last, parts = [], [], []
         for part, length in zip(key, self.shape[1:]):
             places = range(length)[part]
@@ -54,7 +54,7 @@ class Cells(BackendArray):
             first.append(min(places))
             last.append(max(places) + 1)
             parts.append(part)
-        # (Windows are told in cells of the deepest level, x first.)
+        # (Windows are in cells of the deepest level, x first.)
         shift = self.tree.depth - self.level
         low = [cell << shift for cell in first]
         high = [min(cell << shift, length) for cell, length in zip(last, self.tree.shape)]
@@ -65,11 +65,13 @@ class Cells(BackendArray):
 
 
 class Series(BackendArray):
-    """Cells of several layers, one behind the other along a first axis; each is read when it is asked for."""
+    """Cells of several layers, concatenated along a new first axis; each layer is read on
+    access.
+    """
 
     def __init__(self, layers: Sequence[Cells]) -> None:
         self.layers = list(layers)
-        # (A band that is the only one has no axis.)
+        # (A single band has no axis.)
         self.key = (0,) if layers[0].shape[0] == 1 else ()
         self.shape = (len(layers), *layers[0].shape[len(self.key) :])
         self.dtype = layers[0].dtype
@@ -82,20 +84,22 @@ class Series(BackendArray):
         if not isinstance(at, slice):
             return self.layers[at].read((*self.key, *cells))
         parts = [layer.read((*self.key, *cells)) for layer in self.layers[at]]
-        # (Of no layers, the shape tells.)
+        # (`np.stack` needs at least one array.)
         return np.stack(parts) if parts else np.empty((0, *self.shape[1:]), self.dtype)[(slice(None), *cells)]
 
 
 class Void(NamedTuple):
-    """The number that stands for VOID, and a type of samples that holds it."""
+    """The number that represents VOID, and a sample type that holds it."""
 
     number: float | None
     dtype: np.dtype[Any]
 
 
 def void_of(*trees: Dataset) -> Void:
-    """The number that stands for VOID and for nothing else in all of some trees of one type; none where nothing is VOID, in solids, where 0
-    is empty, and beside opacity, where VOID has none. Where every number is in use, it is one of a wider type."""
+    """Returns a number that means VOID, and nothing else, in all of several trees of one type.
+    There is none if nothing is VOID, in solids, where 0 is empty, and with an opacity band, where
+    VOID has opacity 0. If every number is in use, the result is one of a wider type.
+    """
     tree = trees[0]
     if tree.rule == "occupancy" or tree._facts()["alpha"] is not None:
         return Void(None, tree.dtype)
@@ -116,12 +120,14 @@ def void_of(*trees: Dataset) -> Void:
 
 
 def _is_free(number: float, facts: dict[str, Any]) -> bool:
-    """Whether no sample is a number."""
+    """Returns whether no sample is a number."""
     return not facts["cells"] or all(number < low or number > high for _, low, high, _, _ in facts["channels"])
 
 
 def _is_missing(tree: Dataset, number: float) -> bool:
-    """Whether samples that are a number are missing in a band, whatever lies around it."""
+    """Returns whether a number marks samples that are missing in a band, whatever the other bands
+    have.
+    """
     return tree._missing is not None and tree._missing == number
 
 

@@ -54,27 +54,33 @@ def open(
 ) -> Dataset:
     """Opens a tree file of either format, or a commit of one: `map.autumn@12`, or `commit=12`.
 
-    Of a file of several layers the first is opened, or the one that `layer` names (or counts, from 0), as the path can:
-    `stack.goblin:B08`. `names` are those of all layers, and `ds["B08"]` is another one; `ds[["B08", "B04", "B03"]]` has two to four as
-    its bands, whatever the sizes of their cells.
+    In a file of several layers the first is opened, or the one with the name or index (from 0)
+    `layer`, which the path can contain: `stack.goblin:B08`. `names` lists all layers. `ds["B08"]`
+    is another one; `ds[["B08", "B04", "B03"]]` has two to four layers as its bands, whatever their
+    cell sizes.
 
-    `view` are steps of `spinney transform` through which the file is seen, such as `"rotate=30"` or
-    `["window=0,0,512,512", "scale=0.5"]`; nothing is made beforehand. They can calculate, with bands and with other files:
-    `"calc=(b4-b3)/(b4+b3)"`, `"calc=(nir-b1)/(nir+b1),nir=B08.goblin"`, `"reduce=median,type=u16"`. A coarse level of these is calculated
-    from that level's numbers (`Level.is_approximate`); statistics, zones and searches are made of the cells.
+    `view` is a list of operations as in `spinney transform`, which are applied on access, such as
+    `"rotate=30"` or `["window=0,0,512,512", "scale=0.5"]`. They can calculate, with bands and with
+    other files: `"calc=(b4-b3)/(b4+b3)"`, `"calc=(nir-b1)/(nir+b1),nir=B08.goblin"`,
+    `"reduce=median,type=u16"`. A coarse level of such a view is calculated from the numbers of that
+    level (`Level.is_approximate`); statistics, zones and searches are calculated from the cells.
 
-    Remote files are opened by their URLs (`https://`, `s3://`, `gs://`, `az://`), with credentials as their own
-    programs find them, or with `storage_options`, by their names in object_store (`{"aws_region": "eu-north-1", "skip_signature": True}`) or in
-    fsspec (`{"anon": True, "client_kwargs": {"region_name": "eu-north-1"}}`); so are files of fsspec (`fsspec.open("github://...")`, or the
-    URL alone, such as `"github://..."`), and open binary files (`io.BytesIO(data)`). Only what a query needs is fetched, in few batches of parallel
-    requests, and cached. With `no_remote` a remote file is an error, whatever names it, and with `no_external` one whose data are in
-    other files; for builds and other functions see `restricted`.
+    Remote files are opened by their URLs (`https://`, `s3://`, `gs://`, `az://`), with the
+    credentials that the store's own programs use, or with `storage_options`, by their names in
+    object_store (`{"aws_region": "eu-north-1", "skip_signature": True}`) or in fsspec (`{"anon":
+    True, "client_kwargs": {"region_name": "eu-north-1"}}`). Files of fsspec
+    (`fsspec.open("github://...")`, or only the URL, such as `"github://..."`) and open binary files
+    (`io.BytesIO(data)`) are opened, too. A query fetches only what it needs, in few batches of
+    parallel requests, and caches it. With `no_remote` any use of a remote file is an error; with
+    `no_external` files whose data are in other files are. For builds and other functions see
+    `restricted`.
 
-    Files are mapped. If one is cut short or its disk fails meanwhile, the system ends the whole process (SIGBUS):
-    `positioned=True` reads files that may be replaced in place, or that lie on network folders, without mapping them.
+    Files are mapped. If a mapped file is truncated or its disk fails, the system ends the whole
+    process (SIGBUS). With `positioned=True` files are read without mapping; use it for files that
+    may be replaced in place, or that are on network file systems.
 
-    Raises FileNotFoundError or another OSError if it cannot be read, is no tree file or is damaged, ValueError if a step
-    cannot be done.
+    Raises FileNotFoundError or another OSError if the file cannot be read, is not a tree file or is
+    corrupt, ValueError for an impossible operation.
     """
     steps = [view] if isinstance(view, str) else list(view)
     layer = None if layer is None else str(layer)
@@ -92,11 +98,12 @@ def open(
 class Dataset(Zones):
     """An open tree, or a view of one: see `spinney.open`.
 
-    Indexes are those of cells: `ds[y0:y1, x0:x1]`, of octrees `ds[z, y, x]`, with steps and `...` as in NumPy; of files with several
-    bands the result has these as its first axis, as `numpy.asarray(ds)` has. Closed, it raises ValueError.
+    Indices are those of cells: `ds[y0:y1, x0:x1]`, in octrees `ds[z, y, x]`, with strides and `...`
+    as in NumPy. If there are several bands, they are the first axis of the result, as in
+    `numpy.asarray(ds)`. A closed dataset raises ValueError.
 
-    It can be used by any number of threads at the same time, is pickled by path, view and commit, and may be used by
-    forked processes.
+    A dataset can be used by any number of threads at the same time, is pickled by path, view and
+    commit, and may be used by forked processes.
     """
 
     def __enter__(self) -> Self:
@@ -106,13 +113,13 @@ class Dataset(Zones):
         self.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # (The commit that is read, so that whoever gets it sees the same.)
+        # (With the commit that is read, so that the copy sees the same state.)
         storage, file, refused = self._remote
         name = kept_name(self.path, file)
         return _reopen, (name, self.view, self.commit, self.positioned, self.layer or None, storage, file and file[2], refused)
 
     def __dask_tokenize__(self) -> Any:
-        # (The version of the file, as another one may get its name.)
+        # (With the version of the file, since another file may get its name.)
         _, file, _ = self._remote
         content = None if file is None else content_token(file[2])
         return type(self).__name__, str(self.path), self.view, self.commit, self.layer, self._versions(), content
@@ -136,17 +143,19 @@ class Dataset(Zones):
     # Cells
 
     def level(self, level: int) -> Level:
-        """The cells of a level, as something to be indexed: `ds.level(9)[0:256, 0:256]`."""
+        """Returns an indexable object of the cells of a level: `ds.level(9)[0:256, 0:256]`."""
         return Level(self, level)
 
     def mapped(
         self, window: Window | None = None, *, coordinates: Coordinates = None, level: int | None = None
     ) -> Array | None:
-        """Cells where they stand in the mapped file, as a read-only array without a copy; `None` where that cannot be.
+        """Returns cells of the mapped file as a read-only array, without a copy; `None` if that is
+        impossible.
 
-        It can be where a part lies in one dense block of a Goblin file: where no two cells are alike, within aligned
-        windows of up to 256 x 256 cells (16 x 16 x 16 in octrees). `read` reads all parts. The mapping is there for as long as
-        an array of it is, also when the dataset is closed.
+        It is possible for a region within one dense block of a Goblin file: where no two cells are
+        alike, within aligned windows of up to 256 x 256 cells (16 x 16 x 16 in octrees). `read`
+        reads any region. The mapping exists for as long as such an array does, also after the
+        dataset is closed.
         """
         return self._mapped(window, coordinates, level)
 
@@ -162,7 +171,7 @@ class Dataset(Zones):
     def __len__(self) -> int:
         return self.shape[0]
 
-    # Questions
+    # Queries
 
     @overload
     def sample(
@@ -196,14 +205,16 @@ class Dataset(Zones):
         masked: bool = False,
         fill: float | None = None,
     ) -> Array | np.ma.MaskedArray[Any, Any]:
-        """Values at points: an array with a row per point and a column per band; `bands` are numbers counted from 1, and
-        one alone gives an array without columns.
+        """Returns the values at points: an array with a row per point and a column per band.
+        `bands` are numbers counted from 1; a single one gives an array without columns.
 
-        Points are `(x, y)` in the world, of octrees `(x, y, z)`, or in other `coordinates`: "cells" are columns and rows of the
-        deepest level, "lonlat" degrees of longitude and latitude, and any coordinate system will do. A GeoSeries or GeoDataFrame of points is in its own
-        `crs`, features of GeoJSON are in degrees, and points of shapely are in the world, unless `coordinates` says otherwise. At a coarser
-        `level` the value is that of the block around the point. VOID, and all that is outside, has the number `fill` (by default
-        `fill_value`), or is masked.
+        Points are `(x, y)` in world coordinates, in octrees `(x, y, z)`, or in other `coordinates`:
+        "cells" are columns and rows of the deepest level, "lonlat" degrees of longitude and
+        latitude, and any coordinate system is accepted. Unless `coordinates` is given, a GeoSeries
+        or GeoDataFrame of points is in its own `crs`, features of GeoJSON are in degrees, and
+        points of shapely are in world coordinates. At a coarser `level` the value is that of the
+        block around the point. VOID, and points outside, have the number `fill` (by default
+        `fill_value`), or are masked.
         """
         rows, own = coordinates_of_points(points, self.ndim)
         array = points_of(rows, self.ndim)
@@ -226,29 +237,36 @@ class Dataset(Zones):
         return result[:, wanted - 1]  # type: ignore[no-any-return]
 
     async def aread(self, *args: Any, **options: Any) -> Any:
-        """`read`, on a thread beside the event loop: many of them fetch their parts of a file elsewhere at the same time."""
+        """Runs `read` on a thread outside of the event loop: many calls fetch their regions of a
+        remote file at the same time.
+        """
         return await asyncio.to_thread(self.read, *args, **options)
 
     async def asample(self, points: Points, **options: Any) -> Any:
-        """`sample`, on a thread beside the event loop."""
+        """Runs `sample` on a thread outside of the event loop."""
         return await asyncio.to_thread(lambda: self.sample(points, **options))
 
     async def azonal(self, geometries: Any, *args: Any, **options: Any) -> Any:
-        """`zonal`, on a thread beside the event loop."""
+        """Runs `zonal` on a thread outside of the event loop."""
         return await asyncio.to_thread(self.zonal, geometries, *args, **options)
 
     def stats(self, window: Window | None = None, *, coordinates: Coordinates = None) -> Statistics:
-        """Exact statistics of a part, which take time for its border and not for its cells.
+        """Returns exact statistics of a region. The cost depends on the length of its border, not
+        on its area.
 
-        The part is a window of cells, or with other `coordinates` ("world", "lonlat", "EPSG:3035") least and greatest ones."""
+        The region is a window of cells, or with other `coordinates` ("world", "lonlat",
+        "EPSG:3035") minimum and maximum ones.
+        """
         facts = self._statistics(window, coordinates)
         bands = tuple(BandStatistics(*band) for band in facts["channels"])
         return Statistics(facts["cells"], facts["void_cells"], bands, dict(facts["classes"]))
 
     def level_counts(self, *, progress: Progress = None) -> list[LevelCounts]:
-        """Nodes of each level of the file's tree, the root first: `ds.level_counts()[-1].leaf` are cells with values of their own.
+        """Returns the nodes of each level of the file's tree, root first:
+        `ds.level_counts()[-1].leaf` is the number of cells with a value of their own.
 
-        Goblin files know them; those of Autumnal files are counted, which reads every record. A view is a ValueError.
+        Goblin files store these counts; those of Autumnal files are computed by reading every
+        record. A view raises ValueError.
         """
         with working(progress) as terms:
             return [LevelCounts(*nodes) for nodes in self._level_counts(terms)]
@@ -261,9 +279,11 @@ class Dataset(Zones):
         window: Window | None = None,
         coordinates: Coordinates = None,
     ) -> tuple[npt.NDArray[np.uint64], npt.NDArray[np.float64]]:
-        """Cells of a part by equal parts of a range of the first band, and the edges of these, as `numpy.histogram`.
+        """Counts a region's cells in equal bins of a range of the first band; returns counts and
+        bin edges, as `numpy.histogram`.
 
-        The range is that of the part's samples if none is given; samples outside count for the first or the last bin.
+        The default range is that of the region's samples; samples outside of the range count for
+        the first or the last bin.
         """
         if range is None:
             bands = self.stats(window, coordinates=coordinates).bands
@@ -290,10 +310,12 @@ class Dataset(Zones):
         edge: Edge | None = None,
         memory: int | str = MEMORY,
     ) -> Blocks:
-        """The largest blocks of the tree whose cells all have a value, or one above or below a number (first band).
+        """Returns the largest blocks of the tree whose cells all have a value, or one above or
+        below a number (first band).
 
-        They come in FD order, no more than `limit` of them; or, with `largest`, only so many, the largest first. With features `within`
-        (the path of a file, or anything with a `__geo_interface__`) among the cells of those for which `where` holds alone.
+        They are in FD order, at most `limit` of them; or, with `largest`, only that many, largest
+        first. With features `within` (the path of a file, or anything with a `__geo_interface__`)
+        only cells of those that meet `where` are searched.
         """
         if within is None and (where is not None or edge is not None):
             raise ValueError("where and edge are for features: give within")
@@ -328,11 +350,14 @@ class Dataset(Zones):
         threads: int | None = None,
         progress: Progress = None,
     ) -> Labels:
-        """A table of labels, which are the values of the cells: how many cells each has, the box around them, and the labels beside it.
+        """Returns a table of labels, which are the values of the cells: the number of cells of each
+        label, their bounding box, and the adjacent labels.
 
-        With `connect` (4 or 8, of octrees 6 or 26) labels are components of cells of equal value, numbered as `transform(..., "components=4")`
-        numbers them, and their values are the classes. Otherwise the value that `classes`, a tree of the same cells, has at a label's first cell
-        is its class. `neighbours=False` leaves these out. Within `memory` all is added up, in temporary files if need be; the arrays come beside it.
+        With `connect` (4 or 8, in octrees 6 or 26) labels are connected components of equal cells,
+        numbered as by `transform(..., "components=4")`, and their values are the classes. Otherwise
+        a label's class is the value of `classes`, a tree of the same cells, at the label's first
+        cell. `neighbours=False` omits the adjacent labels. Sums are kept within `memory`, with
+        temporary files if needed; the resulting arrays are not included in this limit.
         """
         if connect is not None and classes is not None:
             raise ValueError("labels: components have classes of their own; give connect or classes")
@@ -349,28 +374,32 @@ class Dataset(Zones):
         return Labels(labels, values, cells, areas, boxes, self._world_of(boxes), pairs, edges)
 
     def _world_of(self, boxes: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-        """Boxes of cells, each a corner and sizes, in the world."""
+        """Converts boxes of cells, each a corner and sizes, to world coordinates."""
         axes = self.ndim
         low, high = boxes[:, :axes], boxes[:, :axes] + boxes[:, axes:]
         matrix = self.matrix
         linear = matrix[:axes, :axes]
-        # (A box's least coordinate comes from the end of each edge that leads downwards.)
+        # (A box's minimum comes from the end of each edge that is lower.)
         least = np.minimum(low[:, None, :] * linear, high[:, None, :] * linear).sum(axis=2)
         most = np.maximum(low[:, None, :] * linear, high[:, None, :] * linear).sum(axis=2)
         return np.hstack([least, most]) + np.tile(matrix[:axes, 3], 2)
 
     def log(self) -> list[Commit]:
-        """The commits of the file, the newest first."""
+        """Returns the commits of the file, newest first."""
         return log(self.path)
 
     # Octrees
 
     def volume(self, level: int | None = None) -> float:
-        """Volume of an octree's solid, in the cube of the world's units; coarser levels keep it."""
+        """Returns the volume of an octree's solid, in cubic world units; coarser levels have the
+        same volume.
+        """
         return self.solid(level).volume
 
     def solid(self, level: int | None = None, *, surface: bool = False, threads: int | None = None, progress: Progress = None) -> Solid:
-        """Volume, centre of gravity and bounds of an octree's solid; with `surface` its area, too."""
+        """Returns volume, centre of gravity and bounds of an octree's solid, with `surface` also
+        its surface area.
+        """
         with working(progress, threads) as terms:
             facts = self._measure(level, surface, terms)
         box = facts.pop("bounds")
@@ -379,8 +408,9 @@ class Dataset(Zones):
         return Solid(bounds=bounds, centre=None if centre is None else tuple(centre), **facts)
 
     def contains(self, points: Points, *, level: int | None = None) -> npt.NDArray[np.bool_]:
-        """Whether points `(x, y, z)` of the world lie in cells that are at least half full (of trees that do not tell
-        how full cells are, in cells that are not VOID)."""
+        """Returns whether points `(x, y, z)` in world coordinates lie in cells that are at least
+        half full (in trees without occupancy, in cells that are not VOID).
+        """
         if self.ndim != 3:
             raise ValueError(f"{_native.shown(str(self.path))}: is a quadtree; this is for octrees")
         values, found = self._sample_points(points_of(points, 3), level, "world", None)
@@ -391,8 +421,9 @@ class Dataset(Zones):
     def rays(
         self, origins: Points, directions: Points, *, level: int | None = None, smooth: bool = False
     ) -> Hits:
-        """What rays in the world hit first: cells that are at least half full, or with `smooth` the surface between
-        them. One origin or one direction serves all rays."""
+        """Returns the first hits of rays in world coordinates: cells that are at least half full,
+        or with `smooth` the surface between them. A single origin or direction applies to all rays.
+        """
         starts, ways = np.broadcast_arrays(rows_of(origins, "origins"), rows_of(directions, "directions"))
         distance, points, cells = self._cast_rays(
             np.ascontiguousarray(starts), np.ascontiguousarray(ways), level, smooth
@@ -410,9 +441,10 @@ class Dataset(Zones):
         masked: bool = False,
         fill: float | None = None,
     ) -> Array:
-        """A slice of an octree at a cell of the deepest level along x, y or z, or in `coordinates` "world" at a coordinate.
+        """Returns a slice of an octree at a cell of the deepest level along x, y or z, or with
+        `coordinates` "world" at a coordinate.
 
-        A slice across z has rows along y, others have rows along z, the lowest first.
+        A slice across z has rows along y; others have rows along z, lowest first.
         """
         given = [(axis, at) for axis, at in enumerate((x, y, z)) if at is not None]
         if len(given) != 1:
@@ -444,38 +476,40 @@ class Dataset(Zones):
 
 
 class Level:
-    """The cells of one level of a dataset, to be indexed like an array."""
+    """The cells of one level of a dataset, which can be indexed like an array."""
 
     def __init__(self, dataset: Dataset, level: int) -> None:
         self.dataset = dataset
         self.level = level
         self.shape = tuple(dataset._shape_at(level))
-        """Rows and columns; planes first in octrees."""
+        """Rows and columns; in octrees planes come first."""
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the samples."""
+        """The type of the samples."""
         return self.dataset.dtype
 
     @property
     def ndim(self) -> int:
-        """2, or 3 of octrees."""
+        """2, or 3 for octrees."""
         return len(self.shape)
 
     @property
     def is_approximate(self) -> bool:
-        """Whether the cells are calculated (`view="calc=..."`) from the numbers of this level, not from the tree's cells."""
+        """Whether the cells are calculated (`view="calc=..."`) from the numbers of this level, not
+        from the tree's cells.
+        """
         return self.dataset._is_approximate(self.level)
 
     @property
     def transform(self) -> Transform:
-        """From columns and rows of the level to the world."""
+        """The transform from columns and rows of the level to world coordinates."""
         a, b, c, d, e, f = self.dataset.transform
         scale = 2.0 ** (self.dataset.depth - self.level)
         return Transform(a * scale, b * scale, c, d * scale, e * scale, f)
 
     def _as_tree(self) -> Dataset:
-        """The level's cells as those of a tree."""
+        """Returns the level's cells as a dataset."""
         ds = self.dataset
         steps = [] if self.level == ds.depth else [f"depth={self.level}"]
         if not steps:
@@ -513,7 +547,7 @@ def _reopen(
 
 
 def _as_array(array: Array, dtype: npt.DTypeLike | None, copy: bool | None) -> Array:
-    """What `__array__` gives: cells are always read, so that there is no array without a copy."""
+    """Implements `__array__`: cells are always read, so there is no array without a copy."""
     if copy is False:
         raise ValueError("cells are read from a file: there is no array without a copy")
     return array if dtype is None else array.astype(dtype, copy=False)

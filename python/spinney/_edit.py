@@ -33,16 +33,17 @@ def edit(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Edit:
-    """Opens an Autumnal file to change it::
+    """Opens an Autumnal file for editing::
 
         with spinney.edit("map.autumn", message="A new wood") as e:
             e.fill(3, window=(60, 60, 40, 40))
             e.paste("survey.goblin")
 
-    All changes become one commit at the end of the block, and none if it is left by an exception; without a block `commit` makes
-    it, and `close` forgets all changes. Cells can be assigned to, `e[y0:y1, x0:x1] = array`, which is what `dask.array.store`
-    does. One process edits a file at a time, any number of others read it meanwhile. `author` is that of the environment (SPINNEY_AUTHOR) if none
-    is given, `time` (seconds since 1970) that of the environment (SOURCE_DATE_EPOCH), or now.
+    All changes become one commit at the end of the block, or none if an exception leaves it.
+    Without a block, `commit` commits the changes and `close` discards them. Cells can be assigned
+    to, `e[y0:y1, x0:x1] = array`, which is what `dask.array.store` does. One process edits a file
+    at a time, and any number of others can read it meanwhile. The default of `author` is the
+    environment's SPINNEY_AUTHOR, that of `time` (seconds since 1970) its SOURCE_DATE_EPOCH, or now.
 
     Raises OSError if another process edits the file.
     """
@@ -51,7 +52,7 @@ def edit(
 
 
 class Edit:
-    """A file that is being edited: see `spinney.edit`."""
+    """An open file for editing: see `spinney.edit`."""
 
     def __init__(
         self, path: Path, message: str | None, author: str, time: int | None, memory: int, threads: int | None, progress: Progress
@@ -81,7 +82,9 @@ class Edit:
             self.commit()
 
     def commit(self) -> Commit | None:
-        """Makes all changes one commit, and closes the file; `None` if nothing has changed, or it is closed already."""
+        """Commits all changes, and closes the file. Returns `None` if nothing has changed, or if it
+        is closed already.
+        """
         if self._is_closed:
             return self.made
         message = self.message if self.message is not None else "; ".join(self._done)
@@ -91,29 +94,32 @@ class Edit:
         return self.made
 
     def close(self) -> None:
-        """Forgets all changes that are not in a commit, and closes the file."""
+        """Discards all changes that are not committed, and closes the file."""
         if not self._is_closed:
             self._is_closed = True
             self._editor.close()
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Rows and columns, planes first in octrees, and before these bands if there are several."""
+        """Rows and columns; in octrees planes come first, and before all of these come bands if
+        there are several.
+        """
         return self._shape if self._count == 1 else (self._count, *self._shape)
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """Type of the samples."""
+        """The type of the samples."""
         return self._dtype
 
     @property
     def ndim(self) -> int:
-        """Number of axes."""
+        """The number of axes."""
         return len(self.shape)
 
     def __setitem__(self, key: Any, value: Any) -> None:
-        """Puts an array, or one number, over the cells of an index of whole numbers and slices without steps; masked cells become
-        VOID. Bands are all given."""
+        """Assigns an array, or one number, to the cells of an index of integers and slices without
+        strides; masked cells become VOID. An array must have all bands.
+        """
         first, size, shape = _region(key, self.shape)
         if 0 in size:
             return
@@ -126,7 +132,7 @@ class Edit:
         mask: Any = np.ma.getmaskarray(values) if isinstance(values, np.ma.MaskedArray) else None
         if mask is not None and self._count > 1:
             mask = mask.all(axis=0)
-        # (One at a time, whichever threads they come from.)
+        # (One at a time, whichever threads assign.)
         with self._lock:
             self.paste(np.ma.getdata(values), at=first[::-1], mask=mask, void=True)
             self._done[-1] = "Set cells of an array"
@@ -143,14 +149,16 @@ class Edit:
         units: Units = "convert",
         round: bool = False,
     ) -> None:
-        """Puts a tree file, a picture or an array over a part of the tree.
+        """Writes a tree file, an image or an array over a region of the tree.
 
-        It goes to where it lies in the world, or with its first cell to the cell `at`, `(column, row)` or `(x, y, z)`, from where it
-        must not stick out; arrays (bands first) need that. Where the source is VOID the tree stays as it is; with `void` it becomes VOID there.
+        The region is where the source lies in world coordinates, or starts with the cell `at`,
+        `(column, row)` or `(x, y, z)`, and must then be inside the tree; arrays (bands first) need
+        `at`. Where the source is VOID the tree is unchanged; with `void` it becomes VOID there.
 
-        The source is brought to the tree's cells and values: classes are matched by name, numbers converted by scale, offset and unit, and
-        resampled where cells differ. With `classes` or `units` as `"number"` numbers are taken as they are stored; `round` rounds numbers that
-        the tree's type cannot hold.
+        The source is converted to the tree's cells and values: classes are matched by name, numbers
+        converted by scale, offset and unit, and resampled if cells differ. With `classes` or
+        `units` as `"number"` stored numbers are used unchanged; `round` rounds numbers that the
+        tree's type cannot hold.
         """
         steps = [view] if isinstance(view, str) else list(view)
         place = None if at is None else [index(number) for number in at]
@@ -172,14 +180,14 @@ class Edit:
             try:
                 self._editor.paste(path, steps, place, void, ("a", classes, units, round), terms)
             except (ValueError, TypeError, OSError) as error:
-                # (Nobody knows the tree that was made of it.)
+                # (The caller does not know the temporary tree.)
                 if path == name or path not in str(error):
                     raise
                 raise type(error)(str(error).replace(path, name)) from None
         self._done.append(f"Paste {name}")
 
     def _build(self, array: Any, path: str, mask: Any) -> None:
-        """Makes a tree like that in the file of an array."""
+        """Builds a tree of an array, with the kind and rule of the file's tree."""
         if not hasattr(array, "shape"):
             array = np.asarray(array)
         axes = "zyx"[3 - self._ndim :]
@@ -204,16 +212,19 @@ class Edit:
         edge: Edge | None = None,
         overlaps: Overlaps | None = None,
     ) -> None:
-        """Gives a region one value (one number, or one for each band); `None` makes it VOID.
+        """Sets a region to one value (one number, or one per band); `None` makes it VOID.
 
-        The region is a `window` of cells, or with other `coordinates` ("world", "lonlat", "EPSG:3035") of least and greatest ones,
-        a `polygon` in the world or these (a ring of corners, a list of rings, or a shapely polygon), or a `block` of the tree by
-        its FD code, such as `"/031"`.
+        The region is a `window` of cells, or with other `coordinates` ("world", "lonlat",
+        "EPSG:3035") of minimum and maximum ones; a `polygon` in world coordinates or in these (a
+        ring of vertices, a list of rings, or a shapely polygon); or a `block` of the tree by its FD
+        code, such as `"/031"`.
 
-        Or it is the cells of features, `zones`: the path of a file (GeoJSON, FlatGeobuf, GeoPackage, shapefile, CSV), or anything with a
-        `__geo_interface__` (a GeoDataFrame, shapely), or a list of these; of those for which `where` holds, with cells at the `edge` of
-        polygons by "centre", "touch" or "area". `value` may be the name of an attribute then, whose texts are names of the tree's
-        categories; `overlaps` says what cells get where features lie on top of each other.
+        Or it is the cells of features, `zones`: the path of a file (GeoJSON, FlatGeobuf,
+        GeoPackage, shapefile, CSV), anything with a `__geo_interface__` (a GeoDataFrame, shapely),
+        or a list of these. `where` selects features, and `edge` decides which cells at the border
+        of polygons are included: "centre", "touch" or "area". `value` may then be the name of an
+        attribute, whose strings are names of the tree's categories; `overlaps` decides what cells
+        get where features overlap.
         """
         if zones is not None:
             if window is not None or polygon is not None or block is not None:
@@ -239,8 +250,9 @@ class Edit:
         self._done.append(f"Fill with {'VOID' if value is None else value}")
 
     def set(self, cells: npt.ArrayLike, values: npt.ArrayLike | None) -> None:
-        """Gives single cells, rows of `(column, row)` or `(x, y, z)`, values: one for all, or a row for each; `None`
-        makes them VOID. Of several values for one cell the last counts."""
+        """Sets single cells, rows of `(column, row)` or `(x, y, z)`, to values: one for all, or a
+        row for each; `None` makes them VOID. Of several values for one cell the last counts.
+        """
         places = np.asarray(cells)
         if places.size == 0:
             return
@@ -265,23 +277,26 @@ class Edit:
         units: Units = "convert",
         round: bool = False,
     ) -> None:
-        """Makes the tree what an operation (as in `combine`) makes of it and another, which lies where it lies, and is brought to it as by `paste`."""
+        """Replaces the tree by the result of an operation (as in `combine`) on it and another one.
+        The other one is taken at its world coordinates, and converted to the tree's cells and
+        values as by `paste`.
+        """
         with working(self._progress, self._threads) as terms:
             self._editor.combine(operation, path_of(other), ("a", classes, units, round), terms)
         self._done.append(f"Apply {operation} of {path_of(other)}")
 
     def revert(self, commit: int) -> None:
-        """Makes the tree what it was in another commit."""
+        """Restores the tree's state at another commit."""
         with working(self._progress, self._threads) as terms:
             self._editor.revert(commit, terms)
         self._done.append(f"Revert to commit {commit}")
 
 
 def _numbers(values: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Numbers as an array of integers of 64 bits, if they are that, or else of floats."""
+    """Returns numbers as an array of 64-bit integers if they are integers, or else of floats."""
     numbers = np.asarray(values) if hasattr(values, "dtype") else np.asarray(values, dtype=object)
     if numbers.dtype == object:
-        # (NumPy makes floats of a list of large integers of both signs.)
+        # (NumPy converts a list of large integers of both signs to floats.)
         whole = all(isinstance(number, int | np.integer) for number in numbers.flat)
         least = min(map(int, numbers.flat), default=0) if whole else 0
         return numbers.astype((np.int64 if least < 0 else np.uint64) if whole else np.float64)
@@ -289,7 +304,9 @@ def _numbers(values: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def _region(key: Any, shape: tuple[int, ...]) -> tuple[list[int], list[int], list[int]]:
-    """First cells, numbers of cells along each axis, and the shape of what is assigned to them."""
+    """Returns the first cells, the numbers of cells along each axis, and the shape of an assigned
+    region.
+    """
     given = list(key) if isinstance(key, tuple) else [key]
     if Ellipsis in given:
         at = given.index(Ellipsis)
@@ -320,13 +337,13 @@ def _is_tree(path: str) -> bool:
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as error:
-        # (A tree that is damaged says so better than a picture reader.)
+        # (For a corrupt tree, the tree reader's error is better than an image reader's.)
         return path.split("@")[0].endswith((".goblin", ".autumn")) or "commit" in str(error)
     return True
 
 
 def _holds(array: Any, dtype: np.dtype[Any]) -> bool:
-    """Whether all samples of an array in memory are samples of another type."""
+    """Returns whether all samples of an array in memory fit into another type."""
     if not isinstance(array, np.ndarray) or dtype.kind == "f" or array.dtype.kind == "f":
         return bool(np.can_cast(array.dtype, dtype, "same_kind"))
     limits = np.iinfo(dtype)
@@ -334,7 +351,7 @@ def _holds(array: Any, dtype: np.dtype[Any]) -> bool:
 
 
 def _rings(polygon: Any) -> list[list[tuple[float, float]]]:
-    """Rings of corners."""
+    """Returns the rings of a polygon."""
     if hasattr(polygon, "exterior"):
         given: Iterable[Any] = [polygon.exterior.coords, *(ring.coords for ring in polygon.interiors)]
     elif hasattr(polygon, "geoms"):

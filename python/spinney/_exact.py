@@ -1,4 +1,4 @@
-"""Exact models: the boundaries of bodies, kept as they are and not as cells."""
+"""Exact models: boundary representations of bodies, without conversion to cells."""
 
 from __future__ import annotations
 
@@ -68,25 +68,36 @@ def build_brep(
     threads: int | None = None,
     progress: Progress = None,
 ) -> BuiltModel:
-    """Makes an exact model, a .goblin file, of one or several mesh files (PLY, OBJ, STL, OFF, CityJSON, exact models), or of a mesh: one
-    of trimesh, anything with `vertices` and `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any lengths, of the numbers
-    of three or more vertices, counterclockwise seen from outside; or `Faces` of an exact model, polygons with holes. Several meshes, in a
-    list, by their names in a mapping, or in a scene of trimesh, are objects, each of them a part of the model::
+    """Builds an exact model, a .goblin file, from one or several mesh files (PLY, OBJ, STL, OFF,
+    CityJSON, exact models), or from a mesh. A mesh is a trimesh mesh, anything with `vertices` and
+    `faces`, or a pair of these: rows of x, y and z, and rows, or lists of any lengths, of three or
+    more vertex numbers, counterclockwise seen from outside; or `Faces` of an exact model, polygons
+    with holes. Several meshes, in a list, in a mapping by name, or in a trimesh scene, are objects,
+    each of them a part of the model::
 
-        spinney.build_brep((vertices, triangles), "a.goblin", colours=reds, parts=numbers, names=["roof", "wall"])
-        spinney.build_brep({"left": mesh, "right": other}, "b.goblin", attributes={"left": {"height": 5.5}})
+        spinney.build_brep(
+            (vertices, triangles), "a.goblin", colours=reds, parts=numbers, names=["roof", "wall"]
+        )
+        spinney.build_brep(
+            {"left": mesh, "right": other}, "b.goblin", attributes={"left": {"height": 5.5}}
+        )
 
-    Meshes of trimesh keep colours, names and units. Of a single mesh, `colours` are rows of red, green and blue from 0 to 255, one for each
-    vertex, and `parts` are numbers from 0, one for each face, of parts that are groups of one object. `names` are those of the parts, which are
-    called by their numbers without them, and `attributes` what is said of each: of all in their order, or by name.
+    Trimesh meshes keep colours, names and units. For a single mesh, `colours` are rows of red,
+    green and blue from 0 to 255, one per vertex, and `parts` are numbers from 0, one per face, that
+    group the faces of one object into parts. `names` are the names of the parts (by default their
+    numbers), and `attributes` those of each part: a list in their order, or a mapping by name.
 
-    Corners are moved to a grid of whole steps; everything after that is exact. `snap` is the width of a step, otherwise
-    that of the files' own grid or the finest one. `close` closes open surfaces with triangles over their boundaries;
-    `repair` resolves those that pass through themselves, lie on themselves, or are inside out: bodies that are inside out are turned, and places are
-    `inside` where the surface goes around them ("nonzero", as cells have it), once or more ("positive"), or an odd number of times ("odd"). `where` takes
-    objects alone for which conditions hold, as in "type=Building,measuredHeight>5" (`id` is the name), and `skip_bad` leaves out those that are no bodies by themselves, which are then told. Without these, such
-    surfaces are a ValueError that tells the places, and there is no file. Cells of the octree with up to `leaf_size` faces are not divided. `up`, `unit`,
-    `crs`, `memory` and `max_bytes` are as for `build`. With the `codec` "packed" the file takes fewer bytes, which are unpacked when they are used.
+    Vertices are snapped to an integer grid; everything after that is exact. `snap` is the grid
+    unit, by default that of the files' own grid or the finest possible one. `close` closes open
+    surfaces with triangles over their boundaries. `repair` resolves surfaces that intersect
+    themselves, overlap themselves, or are inside out: inverted bodies are flipped, and `inside`
+    selects which points are inside, by winding number: nonzero ("nonzero", as for cells), positive
+    ("positive"), or odd ("odd"). `where` selects objects by conditions, as in
+    "type=Building,measuredHeight>5" (`id` is the name), and `skip_bad` leaves out objects that are
+    not valid bodies, and reports them. Without these, an invalid surface raises a ValueError that
+    lists the locations, and no file is written. Octree cells with up to `leaf_size` faces are not
+    divided. `up`, `unit`, `crs`, `memory` and `max_bytes` are as for `build`. With the `codec`
+    "packed" the file is compressed, and unpacked when it is used.
     """
     paths, meshes = paths_of(models), meshes_of(models)
     if paths is None and meshes is None:
@@ -124,8 +135,10 @@ def object_contacts(
     threads: int | None = None,
     progress: Progress = None,
 ) -> list[ObjectContact]:
-    """The pairs of objects of mesh files, such as CityJSON, that overlap or touch, by their numbers, on the grid that `build_brep` would take, also of
-    steps `snap`. Objects that are open are left out with a warning. (Of exact models see `ExactModel.contacts`.)"""
+    """Returns the pairs of objects in mesh files, such as CityJSON, that overlap or touch, by their
+    numbers. Vertices are snapped to the grid that `build_brep` would use, or to one of `snap`
+    units. Open objects are left out with a warning. (For exact models see `ExactModel.contacts`.)
+    """
     paths = paths_of(models)
     if paths is None:
         raise TypeError(f"models: expected the path of a mesh file, or several, got {models!r}")
@@ -143,15 +156,19 @@ def open_brep(
 ) -> ExactModel:
     """Opens a file of an exact model, made by `build_brep` or `spinney build --brep`.
 
-    Files are mapped; `positioned=True` reads those that may be replaced in place, or that lie on network folders, without
-    mapping them. URLs and files of fsspec are opened, too (see `open`).
+    Files are mapped; with `positioned=True` they are read without mapping, for files that may be
+    replaced in place, or that are on network file systems. URLs and files of fsspec are opened, too
+    (see `open`).
 
-    `view` are steps of `spinney transform` through which the model is seen, such as `"rotate=90,x"`: points, distances, rays, measures, sections by
-    planes, boxes and contacts are those of what would be moved, exactly through quarter turns, mirrors, whole steps of the grid and one factor (see
-    `ExactModel.rounding`). What has no answer through a map is a ValueError, such as distances through different factors; faces, `export`,
-    `coverage` and sections by other models want shifts by whole steps and one factor.
+    `view` is a list of operations as in `spinney transform`, such as `"rotate=90,x"`: points,
+    distances, rays, measures, sections by planes, boxes and contacts are those of the transformed
+    model. They are exact for quarter turns, mirrors, shifts by grid units and a uniform scale (see
+    `ExactModel.rounding`). Queries that a transformation does not allow raise ValueError, such as
+    distances after non-uniform scaling; faces, `export`, `coverage` and sections by other models
+    require shifts by grid units and a uniform scale.
 
-    Raises FileNotFoundError or another OSError if it cannot be read, is damaged, or is a tree of cells (which `open` opens).
+    Raises FileNotFoundError or another OSError if the file cannot be read, is corrupt, or is a tree
+    of cells (which `open` opens).
     """
     name, remote = remote_access_of(path, storage_options)
     return ExactModel(name, positioned, remote, [view] if isinstance(view, str) else list(view))
@@ -160,12 +177,14 @@ def open_brep(
 class ExactModel(_native.Model):
     """An open exact model: see `open_brep`. Its length is the number of its faces.
 
-    All coordinates are those of the world, and points are arrays with a row each. What is decided is decided in whole
-    numbers; lengths and volumes are rounded. Questions about many points run on all processors without the interpreter's
-    lock, can be stopped by Ctrl-C, and read only what they have to do with.
+    All coordinates are world coordinates, and points are arrays with a row each. Predicates are
+    decided in integers; lengths and volumes are rounded. Queries for many points run on all
+    processors without the interpreter's lock, can be cancelled by Ctrl-C, and read only what they
+    need.
 
-    It can be used by any number of threads at the same time, is pickled by its path, and may be used by forked processes.
-    Where the path of a model is expected, as by `combine`, it stands for its file. Closed, it raises ValueError.
+    A model can be used by any number of threads at the same time, is pickled by its path, and may
+    be used by forked processes. Functions that take the path of a model, such as `combine`, also
+    take an open model. A closed model raises ValueError.
     """
 
     def __fspath__(self) -> str:
@@ -199,28 +218,30 @@ class ExactModel(_native.Model):
 
     @property
     def depth(self) -> int:
-        """Levels of the octree."""
+        """The number of levels of the octree."""
         return int(self._facts()["depth"])
 
     @property
     def bits(self) -> int:
-        """Bits of the grid's coordinates: levels of cells down to one grid point, as `coverage` has them."""
+        """The bits of a grid coordinate: the number of levels of cells down to one grid point, as
+        in `coverage`.
+        """
         return int(self._facts()["bits"])
 
     @property
     def step(self) -> float:
-        """Width of the grid's steps."""
+        """The width of a grid unit."""
         return float(self._facts()["step"])
 
     @property
     def origin(self) -> tuple[float, float, float]:
-        """The grid's least point."""
+        """The minimum point of the grid."""
         x, y, z = self._facts()["origin"]
         return x, y, z
 
     @property
     def parts(self) -> list[str]:
-        """Names of the parts (objects, groups, materials), to which `Faces.parts` leads."""
+        """Names of the parts (objects, groups, materials), which `Faces.parts` refers to."""
         return list(self._facts()["parts"])
 
     @property
@@ -236,39 +257,43 @@ class ExactModel(_native.Model):
 
     @property
     def unit(self) -> str | None:
-        """The unit of length, where it is known."""
+        """The unit of length, if known."""
         unit: str | None = self._facts()["unit"]
         return unit
 
     @property
     def tags(self) -> dict[str, str]:
-        """Anything else, by name."""
+        """Further metadata, by name."""
         return dict(self._facts()["tags"])
 
     @property
     def provenance(self) -> list[str]:
-        """Where the model comes from."""
+        """The model's provenance."""
         return list(self._facts()["provenance"])
 
     @property
     def rounding(self) -> float:
-        """The most that places are off, or somewhat more, where the model is seen through a `view`; 0 where nothing is rounded."""
+        """An upper bound of the rounding error of positions after the operations of a `view`; 0 if
+        nothing is rounded.
+        """
         return float(self._facts()["rounding"])
 
     @property
     def bounds(self) -> Box:
-        """Least and greatest coordinates of the surface, exact."""
+        """Exact minimum and maximum coordinates of the surface."""
         low, high = self._bounds()
         return Box(*low, *high)
 
     def verify(self, *, threads: int | None = None, progress: Progress = None) -> list[Finding]:
-        """Checks every checksum, that the faces bound a body, and that the octree is theirs; an empty list is good."""
+        """Checks every checksum, that the faces bound a body, and that the octree is consistent
+        with them. An empty list means that there are no defects.
+        """
         with working(progress, threads) as terms:
             found = _native.verify(os.fspath(self.path), False, memory_of(MEMORY), terms)
         return [Finding(place, problem) for place, problem in found]
 
     def mass(self, *, threads: int | None = None, progress: Progress = None) -> Mass:
-        """Volume, area, centre of gravity and moments, of a density of 1."""
+        """Returns volume, area, centre of gravity and moments, for a density of 1."""
         with working(progress, threads) as terms:
             facts = self._mass(terms)
         centre = facts.pop("centre")
@@ -277,28 +302,34 @@ class ExactModel(_native.Model):
 
     @property
     def volume(self) -> float:
-        """The volume, by all faces: see `mass`."""
+        """The volume, from all faces: see `mass`."""
         return self.mass().volume
 
     @property
     def area(self) -> float:
-        """The area of the surface, by all faces: see `mass`."""
+        """The surface area, from all faces: see `mass`."""
         return self.mass().area
 
     def euler(self, *, memory: int | str = "1G", threads: int | None = None, progress: Progress = None) -> Euler:
-        """Numbers of vertices, edges, faces, shells, and handles: how the surface hangs together."""
+        """Returns the numbers of vertices, edges, faces, shells and handles: the topology of the
+        surface.
+        """
         with working(progress, threads) as terms:
             return Euler(**self._euler(memory_of(memory), terms))
 
     def shells(self, *, memory: int | str = "1G", threads: int | None = None, progress: Progress = None) -> Shells:
-        """The surfaces that hang together: numbers of their entities, their volumes, and which one each face belongs to."""
+        """Returns the connected components of the surface: their entity counts, their volumes, and
+        the shell of each face.
+        """
         with working(progress, threads) as terms:
             return Shells(**self._shells(memory_of(memory), terms))
 
     def objects(self, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> list[dict[str, Any]]:
-        """The parts in their order, as `Faces.parts` counts them, a row for each, as `pandas.json_normalize` takes them: `name`, what is said
-        of it (`type`, `attributes`, `parents`, ... of CityJSON's objects), and of those with faces `closed`, `volume` (`None` if it is not
-        closed for itself), `area` and `bounds`."""
+        """Returns the parts in the order of `Faces.parts`, a row for each, as accepted by
+        `pandas.json_normalize`: `name`, the part's attributes (`type`, `attributes`, `parents`, ...
+        of CityJSON objects), and for parts with faces `closed`, `volume` (`None` unless the part
+        itself is closed), `area` and `bounds`.
+        """
         with working(progress, threads) as terms:
             found = self._objects(memory_of(memory), terms)
         rows = []
@@ -313,8 +344,9 @@ class ExactModel(_native.Model):
     def find_object(
         self, name: str, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
     ) -> dict[str, Any]:
-        """The part with a name, a row as `objects` has them, with its number as `part`: the first, if several have it. Without one it is a
-        KeyError, which tells names that are like it."""
+        """Returns the first part with a name: a row as in `objects`, with its number as `part`. If
+        there is none, raises a KeyError that lists similar names.
+        """
         names = self.parts
         if name not in names:
             near = ", ".join(difflib.get_close_matches(name, names, 5, 0) or names[:5])
@@ -325,36 +357,46 @@ class ExactModel(_native.Model):
     def contacts(
         self, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
     ) -> list[ObjectContact]:
-        """The pairs of parts that touch, by their numbers. Parts that are not closed for themselves are left out with a warning. (Parts of an exact
-        model do not overlap; for objects that do, and of which none can be built, see `object_contacts`.)"""
+        """Returns the pairs of parts that touch, by their numbers. Parts that are not closed by
+        themselves are left out with a warning. (Parts of an exact model do not overlap; for objects
+        that do, and of which no model can be built, see `object_contacts`.)
+        """
         with working(progress, threads) as terms:
             return _contacts(self._contacts(memory_of(memory), terms))
 
     @property
     def face_columns(self) -> list[str]:
-        """Names of the columns of values of faces: of CityJSON's surfaces `surface`, `type`, `parent` and `attributes`."""
+        """Names of the columns of face values: for CityJSON surfaces `surface`, `type`, `parent`
+        and `attributes`.
+        """
         return self._face_columns()
 
     def face_values(self, column: str, *, threads: int | None = None, progress: Progress = None) -> dict[int, Any]:
-        """The values of faces in a column of `face_columns`, by the numbers of the faces (`Faces.numbers`), of those that have one."""
+        """Returns the values in a column of `face_columns`, by face number (`Faces.numbers`), of
+        faces that have one.
+        """
         names = self.face_columns
         if column not in names:
             raise KeyError(f"{_native.shown(str(self.path))}: has no values of faces {column!r}; there are {', '.join(names) or 'none'}")
         with working(progress, threads) as terms:
             found = self._face_values(names.index(column), terms)
-        # (Faces of one surface have the same text.)
+        # (Faces of one surface have the same string.)
         values = {text: json.loads(text) for text in {text for _, text in found}}
         return {face: values[text] for face, text in found}
 
     def locate(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> npt.NDArray[np.int8]:
-        """1 for points inside the body, 0 on its surface, -1 outside; exact for the doubles that are given."""
+        """Returns 1 for points inside the body, 0 on its surface, -1 outside; exact for the given
+        doubles.
+        """
         with working(progress, threads) as terms:
             return self._locate(points_of(points, 3), terms)
 
     def contains(
         self, points: Points, *, boundary: bool = True, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.bool_]:
-        """Whether points are in the body; `boundary` tells whether those on its surface are."""
+        """Returns whether points are in the body; `boundary` decides whether those on its surface
+        are.
+        """
         least = 0 if boundary else 1
         found: npt.NDArray[np.bool_] = self.locate(points, threads=threads, progress=progress) >= least
         return found
@@ -362,37 +404,45 @@ class ExactModel(_native.Model):
     def distance(
         self, points: Points, *, signed: bool = True, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.float64]:
-        """Distances of points from the surface: negative inside, if they are `signed`; NaN of what is no number."""
+        """Returns the distances of points from the surface: negative inside if `signed`; NaN for
+        points with NaN.
+        """
         with working(progress, threads) as terms:
             distance, _, _ = self._nearest(points_of(points, 3), signed, terms)
         return distance
 
     def nearest(self, points: Points, *, threads: int | None = None, progress: Progress = None) -> Surface:
-        """The points of the surface that are nearest to points."""
+        """Returns the points of the surface that are nearest to points."""
         with working(progress, threads) as terms:
             distance, nearest, faces = self._nearest(points_of(points, 3), False, terms)
         return Surface(distance, nearest, faces)
 
     def rays(self, origins: Points, directions: Points, *, threads: int | None = None, progress: Progress = None) -> SurfaceHits:
-        """Where rays meet the surface first; no ray slips through between two faces. One origin or one direction serves
-        all rays. Coordinates that are no numbers, and directions of length 0, are a ValueError."""
+        """Returns the first hits of rays; no ray passes between two adjacent faces. A single origin
+        or direction applies to all rays. Coordinates that are not finite, and directions of length
+        0, raise ValueError.
+        """
         with working(progress, threads) as terms:
             return SurfaceHits(*self._cast_rays(*_rays(origins, directions), terms))
 
     def crossings(self, origins: Points, directions: Points, *, threads: int | None = None, progress: Progress = None) -> RayCrossings:
-        """All places where rays, given as to `rays`, pass through the surface, those of each in their order: an odd number if it begins
-        inside, else an even one, also through edges and corners."""
+        """Returns all points where rays, given as to `rays`, cross the surface, in order along each
+        ray. Their number is odd if the ray starts inside, and otherwise even, also through edges
+        and vertices.
+        """
         with working(progress, threads) as terms:
             counts, found = self._cross_rays(*_rays(origins, directions), terms)
         return RayCrossings(np.repeat(np.arange(len(counts)), counts), *found)
 
     def ray(self, origin: Sequence[float], direction: Sequence[float]) -> SurfaceHits | None:
-        """Where one ray meets the surface first (with arrays of one row); `None` if it does not."""
+        """Returns the first hit of one ray (with arrays of one row); `None` if there is none."""
         hits = self.rays([origin], [direction])
         return hits if hits.hit[0] else None
 
     def locate_box(self, box: BBox) -> Literal["inside", "outside", "cut"]:
-        """Whether a box (least and then greatest x, y, z) lies inside or outside of the body, or is cut by its surface."""
+        """Returns whether a box (minimum, then maximum x, y, z) lies inside or outside of the body,
+        or is cut by its surface.
+        """
         low, high = _box(box)
         place: Literal["inside", "outside", "cut"] = self._place_of_box(low, high)
         return place
@@ -400,7 +450,9 @@ class ExactModel(_native.Model):
     def coverage(
         self, level: int, cell: Sequence[int], *, threads: int | None = None, progress: Progress = None
     ) -> Coverage:
-        """The part of a cell (x, y, z of a level, 0 to `bits`) that is inside, exact but for rounding."""
+        """Returns the share of a cell (x, y, z of a level, 0 to `bits`) that is inside, exact
+        except for rounding.
+        """
         x, y, z = (int(at) for at in cell)
         if not 0 <= level <= 255 or not all(0 <= at < 1 << 32 for at in (x, y, z)):
             raise ValueError(f"cell: {(x, y, z)} of level {level}, expected levels of 0 to {self.bits}")
@@ -409,28 +461,36 @@ class ExactModel(_native.Model):
         return Coverage(share, volume, None if centre is None else (centre[0], centre[1], centre[2]))
 
     def faces(self, box: BBox | None = None, *, threads: int | None = None, progress: Progress = None) -> Faces:
-        """The faces as polygons with holes: all, or those whose own boxes meet a box (of these, faces without area are
-        left out)."""
+        """Returns the faces as polygons with holes: all, or those whose own boxes intersect a box
+        (then without faces of zero area).
+        """
         with working(progress, threads) as terms:
             return Faces(**self._face_arrays(None if box is None else _box(box), terms))
 
     def triangles(self, box: BBox | None = None, *, threads: int | None = None, progress: Progress = None) -> Mesh:
-        """The faces cut into triangles: `trimesh.Trimesh(*model.triangles())`. Of a box as `faces`."""
+        """Returns the triangulated faces: `trimesh.Trimesh(*model.triangles())`. `box` is as for
+        `faces`.
+        """
         with working(progress, threads) as terms:
             vertices, triangles, _ = self._triangle_arrays(None if box is None else _box(box), terms)
         return Mesh(vertices, triangles)
 
     def export(self, path: Path, *, threads: int | None = None, progress: Progress = None) -> tuple[int, int]:
-        """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns how many vertices and faces that are.
+        """Writes the faces as a mesh, .ply, .obj, .stl, .off or .city.json; returns the number of
+        vertices and faces.
 
-        Polygons stay polygons, but in STL, which has triangles in single precision (and no numbered vertices: 0). What the format
-        has no room for, such as colours, parts, the coordinate system or the unit of length, is told in a warning."""
+        Polygons stay polygons, except in STL, which has triangles in single precision (and no
+        numbered vertices: 0). A warning lists what the format cannot store, such as colours, parts,
+        the coordinate system or the unit of length.
+        """
         with working(progress, threads) as terms:
             vertices, faces, _ = self._export(path_of(path), terms)
         return vertices, faces
 
     def show(self, *, height: int = 500) -> Any:
-        """The model in a notebook: a page that turns and cuts it, whose bytes the kernel reads (with the package anywidget)."""
+        """Displays the model in a notebook: a page that rotates and cuts it. The kernel reads the
+        file for the page (with the package anywidget).
+        """
         path = os.fspath(self)
         return shown(path, {"layer": None, "commit": None, "style": None}, height)
 
@@ -470,25 +530,31 @@ class ExactModel(_native.Model):
         threads: int | None = None,
         progress: Progress = None,
     ) -> Section | SurfaceIntersection:
-        """Writes where planes cut the model, or what its surface and that of another one have in common, as features (.geojson, .csv,
-        .svg, .gpkg, .fgb, .shp of planes, .obj, .ply), as `spinney section` does::
+        """Writes the model's cuts by planes, or the intersection of its surface with that of
+        another model, as features (.geojson, .csv, .svg, .gpkg, .fgb, .shp for planes, .obj, .ply),
+        as `spinney section` does::
 
             model.section("outline.svg", "z=12.5")
             model.section("slices.geojson", ["z=0..50/0.2", "plane=1,1,0,7.5"]).area
             with spinney.open_brep("tool.goblin") as tool:
                 model.section("lines.ply", tool).crossings
 
-        Planes are `"z=12.5"`, many at a time `"z=0..50/0.2"`, or `"plane=NX,NY,NZ,D"` with the normal and its product with the plane's
-        points. The section is that just below the plane: what ends there counts, what stands on it does not. Attributes are `plane`
-        (x, y, z, or the normal), `at` and `area`. Points are in space; with `flat` coordinates are those in the plane (y and z where x is
-        given, z and x where y is, x and y where z is), as an SVG always has them.
+        Planes are `"z=12.5"`, many at a time `"z=0..50/0.2"`, or `"plane=NX,NY,NZ,D"` with the
+        normal and its product with the plane's points. The section is the limit from below the
+        plane: a body that ends at the plane is included, one that begins there is not. Attributes
+        are `plane` (x, y, z, or the normal), `at` and `area`. Points are in space; with `flat`
+        coordinates are those in the plane (y and z for a plane of x, z and x for y, x and y for z),
+        as always in SVG.
 
-        Of two models, the other being open or the path of a file (a `pathlib.Path`), features are lines where the surfaces pass through each other (`kind` crossing:
-        closed, with what of this model's surface is inside of the other on the left) or touch, areas in which they lie on each other
-        (overlap) and lone points; `a_left`, `a_right`, `b_left` and `b_right` are the faces of both beside each segment, by their numbers
-        in the files that the models were built from. They are found exactly, and points are rounded once; this alone needs `memory`.
+        For two models, the other one being open or the path of a file (a `pathlib.Path`), features
+        are lines where the surfaces cross (`kind` crossing: closed, with the region of this model's
+        surface inside of the other on the left) or touch, areas in which they coincide (overlap),
+        and isolated points. `a_left`, `a_right`, `b_left` and `b_right` are the faces of both
+        models on each side of each segment, by their numbers in the files that the models were
+        built from. Intersections are exact, and points are rounded once; only this query needs
+        `memory`.
 
-        An output that would have more than `max_bytes` is an OSError, and leaves nothing behind.
+        An output larger than `max_bytes` raises OSError, and leaves no partial output.
         """
         given = [by] if isinstance(by, str | os.PathLike | ExactModel) else list(by)
         if not given:

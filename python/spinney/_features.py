@@ -1,4 +1,4 @@
-"""Features over the cells of trees."""
+"""Features rasterized to the cells of trees."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ Overlaps = Literal["last", "first", "min", "max", "sum", "count", "mean"]
 
 
 def is_features(source: Any) -> bool:
-    """Whether something is features, or a file of them by its name, and no tree."""
+    """Returns whether a source is features, or a file with the name of a feature file, and not a
+    tree.
+    """
     if is_path(source):
         return bool(_native.is_feature_file(path_of(source)))
     return hasattr(source, "__geo_interface__") or isinstance(source, Mapping)
@@ -38,9 +40,10 @@ def features_over(
     overlaps: str | None = None,
     has_own_system: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """What is told of features to the library: a path as it is, everything else in a temporary file of GeoJSON.
+    """Yields the native module's description of features: an unchanged path, or a temporary GeoJSON
+    file for all other sources.
 
-    With `has_own_system` the file itself says in which coordinate system they are.
+    With `has_own_system` the file itself specifies the coordinate system.
     """
     conditions = where if isinstance(where, str | None) else ",".join(f"{name}={text}" for name, text in values_of(where))
     texts = None
@@ -62,7 +65,7 @@ def features_over(
         named = {"type": "name", "properties": {"name": crs}}
         document = json.dumps(_collection([document]) | {"crs": named})
         crs = None
-    # (What is written is closed before it is read, which not all systems allow otherwise.)
+    # (The file is closed before it is read, as some systems require.)
     with tempfile.TemporaryDirectory(prefix="spinney-") as folder:
         path = os.path.join(folder, "features.geojson")
         with open(path, "w", encoding="utf-8") as file:
@@ -71,7 +74,7 @@ def features_over(
 
 
 def _collection(documents: Sequence[str]) -> dict[str, Any]:
-    """One collection of the features and geometries of several documents."""
+    """Returns one collection of the features and geometries of several documents."""
     features: list[Any] = []
     for text in documents:
         document = json.loads(text)
@@ -86,7 +89,7 @@ def _collection(documents: Sequence[str]) -> dict[str, Any]:
 
 
 def divided(operands: Sequence[Any]) -> tuple[list[Path], list[tuple[int, Any]]]:
-    """The trees among operands, and the features with their places among all."""
+    """Returns the trees among operands, and the features with their indices among all."""
     features = [(place, operand) for place, operand in enumerate(operands) if is_features(operand)]
     places = {place for place, _ in features}
     return [operand for place, operand in enumerate(operands) if place not in places], features

@@ -1,4 +1,4 @@
-"""From files to files."""
+"""Operations from files to files."""
 
 from __future__ import annotations
 
@@ -50,18 +50,22 @@ def transform(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Outcome | MovedModel | int:
-    """Makes a tree of a part of another, moved, scaled, mirrored or turned.
+    """Builds a tree from a region of another one, moved, scaled, mirrored or rotated.
 
-    Steps are those of `spinney transform` (`spinney help transform` lists them): `"rotate=30"`, `["crop", "scale=0.5"]`.
-    New cells get their values by the file's rule, or with `resampling` "nearest" from their centres; onto the grids of `like=`,
-    `warp=` and `grid=` other ways are there, too. The picture stays where it is in
-    the world unless `move` is set. An output that would have more than `max_bytes` is an OSError, and leaves nothing behind.
+    Operations are those of `spinney transform` (`spinney help transform` lists them):
+    `"rotate=30"`, `["crop", "scale=0.5"]`. New cells get their values by the file's rule, or with
+    `resampling` "nearest" from their centres; `like=`, `warp=` and `grid=` support further
+    resampling methods. The raster keeps its world coordinates unless `move` is set. An output
+    larger than `max_bytes` raises OSError, and leaves no partial output.
 
-    Exact models are moved in the world (`translate=`, `scale=`, `rotate=`, `mirror=`, `transpose`, `axes=`, `affine=`, `crs=`): whole steps of their grids, quarter
-    turns, mirrors and one factor exactly, others with corners moved to the nearest points of a grid, also of steps `snap`; `unit` names the result's unit of length.
+    Exact models are transformed in world coordinates (`translate=`, `scale=`, `rotate=`, `mirror=`,
+    `transpose`, `axes=`, `affine=`, `crs=`). Shifts by grid units, quarter turns, mirrors and
+    uniform scales are exact; other transformations snap vertices to a grid, of `snap` units if
+    given. `unit` names the result's unit of length.
 
-    Files of features are written in another coordinate system (`"warp=EPSG:25832"`, and `"crs=EPSG:4326"` says in which they are): `transform("x.gpkg", "warp=EPSG:25832", "y.gpkg")`
-    returns the number of features. Vertices are transformed one by one.
+    Feature files are written in another coordinate system (`"warp=EPSG:25832"`; `"crs=EPSG:4326"`
+    specifies their own one): `transform("x.gpkg", "warp=EPSG:25832", "y.gpkg")` returns the number
+    of features. Each vertex is transformed by itself.
     """
     chain = [steps] if isinstance(steps, str) else list(steps)
     if _native.is_feature_file(path_of(path)):
@@ -101,22 +105,28 @@ def combine(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Outcome | CombinedModel | CombinedPolygons:
-    """Makes one tree of several: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
+    """Combines trees into one: `"union"`, `"and"`, `"a-b"`, `"over"`, `"min"`, `"changed"`, ...
 
-    The operations are those of `spinney combine`, set operations also by their numbers (0 to 15). `values` tells whose value stands where a set operation finds both,
-    `fill` the value of cells that it makes of nothing, `within` (a box of the world) or `margin` (cells around the
-    files) where it does that.
+    The operations are those of `spinney combine`; set operations also have numbers (0 to 15).
+    `values` decides whose value is used where a set operation finds both. `fill` is the value of
+    cells that it makes of nothing, and `within` (a box in world coordinates) or `margin` (cells
+    around the files) limits where it does that.
 
-    The result has the first file's cells, over the `extent` of the first (`"a"`), of the others (`"b"`), of all, or what all share (`"intersection"`). The others are
-    brought to it: from other cells and coordinate systems, types, scales, units and numbers of classes; `conversions` of the result says what was
-    converted. With `classes` or `units` as `"number"` numbers are taken as they are stored. Exact models, also open ones, are combined exactly, as surfaces (set operations only, and none of these options).
+    The result has the first file's cells, over the `extent` of the first (`"a"`), of the others
+    (`"b"`), of all, or their `"intersection"`. The others are converted to it: from other cells and
+    coordinate systems, types, scales, units and class numbers; `conversions` of the result lists
+    what was converted. With `classes` or `units` as `"number"` stored numbers are used unchanged.
+    Exact models, also open ones, are combined exactly, as surfaces (set operations only, and none
+    of these options).
 
-    Features among the `paths` (files of them, or anything with a `__geo_interface__`) are laid over the cells of the trees, with a
-    `value` (a number, or an attribute whose texts are names of the trees' categories), `overlaps`, `where` and `edge` as `build` has them.
+    Features among the `paths` (files of them, or anything with a `__geo_interface__`) are
+    rasterized to the cells of the trees, with a `value` (a number, or an attribute whose strings
+    are names of the trees' categories), `overlaps`, `where` and `edge` as for `build`.
 
-    Where all `paths` are features, their polygons are combined, exactly and without cells, also by `"partition"`, and written to a file of
-    features: `where` takes some of them, `within` (a box, or a file of polygons) limits the result, whose corners lie on a grid of steps
-    `snap`, or the next smaller power of two.
+    If all `paths` are features, their polygons are combined exactly and without cells, also by
+    `"partition"`, and written to a feature file. `where` selects features, and `within` (a box, or
+    a file of polygons) limits the result. Its vertices are on a grid of `snap` units, or of the
+    next smaller power of two.
     """
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
@@ -154,7 +164,9 @@ def combine(
 def cross(
     first: Path, second: Path, *, extent: Extent = "union", classes: ClassMatching = "name"
 ) -> list[tuple[list[float] | None, list[float] | None, int]]:
-    """Which values of one tree meet which of another, and in how many cells; `None` is VOID. Classes of the second have the first's numbers."""
+    """Counts which values of one tree coincide with which of another, and in how many cells; `None`
+    is VOID. Classes of the second have the numbers of the first.
+    """
     return _native.cross(path_of(first), path_of(second), (extent, classes, "convert", False), ALONE)
 
 
@@ -167,9 +179,11 @@ def diff(
     classes: ClassMatching = "name",
     units: Units = "convert",
 ) -> Differences:
-    """How two trees differ where they lie in the world, most often two commits of one file; with `ranges` also where, as runs of FD paths.
+    """Compares two trees in world coordinates, most often two commits of one file; with `ranges`
+    the result has the differing ranges of FD paths.
 
-    The second is brought to the first's cells and values, as by `combine`."""
+    The second is converted to the first's cells and values, as by `combine`.
+    """
     sums, found = _native.diff(path_of(first), path_of(second), ranges, (extent, classes, units, False), ALONE)
     added, removed, changed, blocks, runs = sums
     return Differences(added, removed, changed, blocks, runs, found)
@@ -178,8 +192,9 @@ def diff(
 def verify(
     path: Path, *, quick: bool = False, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None
 ) -> list[Finding]:
-    """Checks every checksum and every rule of the tree; an empty list is good. With `quick` trees of older commits are
-    left out."""
+    """Checks every checksum and every invariant of the tree. An empty list means that there are no
+    defects. `quick` skips trees of older commits.
+    """
     with working(progress, threads) as terms:
         findings = _native.verify(path_of(path), quick, memory_of(memory), terms)
     return [Finding(place, problem) for place, problem in findings]
@@ -197,9 +212,9 @@ def convert(
     threads: int | None = None,
     progress: Progress = None,
 ) -> None:
-    """Writes a tree, or one of its commits, in the format that the output's name asks for: .goblin or .autumn.
+    """Writes a tree, or one of its commits, in the format of the output's name: .goblin or .autumn.
 
-    Segments are packed as `codec` says, whatever those of the file are.
+    Segments are packed with `codec`, whatever the file's own codec is.
     """
     with working(progress, threads, max_bytes) as terms:
         _native.convert(path_of(path), path_of(out), share, memory_of(memory), packing_of(codec, max_error), terms)
@@ -220,9 +235,11 @@ def add_layer(
     threads: int | None = None,
     progress: Progress = None,
 ) -> int | None:
-    """Adds a tree, or a view of one, to a file as a layer: one that lies on the file's cells, or on 2, 4, 8 ... of them.
+    """Adds a tree, or a view of one, to a file as a layer. Its cells must be aligned with the
+    file's, or 2, 4, 8 ... times as large.
 
-    A Goblin file is written anew, its other layers as they are, packed or not; an Autumnal file gets a commit, whose number is returned.
+    A Goblin file is rewritten, with its other layers unchanged, packed or not; an Autumnal file
+    gets a commit, whose number is returned.
     """
     steps = [view] if isinstance(view, str) else list(view)
     note = (time, author, message or f"Add layer {name}")
@@ -240,7 +257,7 @@ def drop_layer(
     threads: int | None = None,
     progress: Progress = None,
 ) -> int | None:
-    """Takes a layer out of a file; the number of the commit that does, in an Autumnal file."""
+    """Removes a layer from a file; returns the number of the commit in an Autumnal file."""
     note = (time, author, message or f"Drop layer {name}")
     with working(progress, threads, None) as terms:
         return _native.drop_layer(path_of(path), name, note, terms)
@@ -257,7 +274,9 @@ def blame(
     threads: int | None = None,
     progress: Progress = None,
 ) -> None:
-    """Makes a tree of the numbers of the commits that changed each cell of an Autumnal file last."""
+    """Builds a tree of the numbers of the commits that last changed each cell of an Autumnal
+    file.
+    """
     with working(progress, threads, max_bytes) as terms:
         _native.blame(path_of(path), path_of(out), memory_of(memory), packing_of(codec, max_error), terms)
 
@@ -275,9 +294,10 @@ def compact(
     threads: int | None = None,
     progress: Progress = None,
 ) -> list[Commit]:
-    """Writes the newest commits of an Autumnal file, so many, or those with certain numbers, to a new one.
+    """Writes the `keep` newest commits of an Autumnal file, or those with the given numbers, to a
+    new file.
 
-    With ``pack``, what only older commits have is packed: fewer bytes, which take longer to read.
+    With ``pack``, data that only older commits use are compressed; they take longer to read.
     """
     numbers = None if commits is None else list(commits)
     with working(progress, threads, max_bytes) as terms:
@@ -288,16 +308,16 @@ def compact(
 
 
 def recover(path: Path, to: int, *, threads: int | None = None, progress: Progress = None) -> Commit:
-    """Makes an older commit the newest, where newer ones are damaged."""
+    """Makes an older commit the newest if later ones are corrupt."""
     with working(progress, threads) as terms:
         return commit_of(_native.recover(path_of(path), to, terms))
 
 
 def log(path: Path) -> list[Commit]:
-    """The commits of an Autumnal file, the newest first."""
+    """Returns the commits of an Autumnal file, newest first."""
     return [commit_of(facts) for facts in _native.log(path_of(path))]
 
 
 def set_cache_memory(bytes: int | str) -> None:
-    """Changes how much of packed segments, unpacked, this process keeps for the next use: 64 MiB if nobody does."""
+    """Sets the size of this process's cache of unpacked segments; the default is 64 MiB."""
     _native.set_cache_memory(bytes_of(bytes, "bytes"))

@@ -1,4 +1,4 @@
-"""Layers of a file as variables of a dataset of xarray, along times, or as bands."""
+"""Layers of a file as variables of an xarray dataset, along times, or as bands."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from .xarray import _attributes, _dataset_of, _meaning, decoded, masks_of
 
 
 def trees_of(first: Dataset) -> dict[str, Dataset]:
-    """All layers of the file that a tree is of."""
-    # (Of one that is the only one and has no name, itself.)
+    """Returns all layers of a tree's file."""
+    # (An only layer without a name is the tree itself.)
     return {name: first[name] if name else first for name in first.names}
 
 
 def dataset_of_layers(trees: Mapping[str, Dataset], level: int | None, layers: str | None, mask_and_scale: bool | None) -> xr.Dataset:
-    """All layers of a file as one dataset."""
+    """Returns all layers of a file as one dataset."""
     if layers not in (None, "time", "band", "variable"):
         raise ValueError(f"layers: {layers!r}, expected 'time', 'band' or 'variable'")
     wanted = max(tree.depth for tree in trees.values()) if level is None else level
@@ -31,14 +31,14 @@ def dataset_of_layers(trees: Mapping[str, Dataset], level: int | None, layers: s
         return _bands(trees, wanted, mask_and_scale)
     series = {} if layers == "variable" else _series_of(trees)
     if layers is None and all(len(names) == 1 for names in series.values()):
-        # (One time is no axis, unless somebody asks for it.)
+        # (A single time becomes an axis only on request.)
         series = {}
     if layers == "time" and not series:
         path = next(iter(trees.values())).path
         raise ValueError(f"{path}: its layers have no times, or are not alike in all else; leave layers out to have variables")
     made = _Variables(wanted, [*trees, *(group or USUAL for group in series)])
     taken: set[str] = set()
-    # (In the order in which the layers are.)
+    # (In layer order.)
     for name in trees:
         group = next((group for group, names in series.items() if name in names), None)
         if group is None:
@@ -55,7 +55,7 @@ _AXES = ("time", "band", "z", "y", "x", "spatial_ref")
 
 
 class _Variables:
-    """Variables that are put together."""
+    """Variables of a dataset that is assembled."""
 
     def __init__(self, wanted: int, names: Sequence[str]) -> None:
         self.wanted = wanted
@@ -65,11 +65,11 @@ class _Variables:
         self.attributes: dict[str, Any] = {}
 
     def add(self, name: str, made: xr.Dataset, tree: Dataset) -> None:
-        """Adds the one variable of a dataset."""
+        """Adds the variable of a single-variable dataset."""
         cells = made[USUAL]
         if "band" in cells.dims and tree.count == 1:
             cells = cells.isel(band=0, drop=True)
-        # (Cells of another size lie at other places; as many of another grid do, too.)
+        # (Cells of another size have other coordinates, even if another grid has equally many.)
         own = min(self.wanted, tree.depth)
         sizes = {axis: self.coordinates[axis].sizes[axis] for axis in ("z", "y", "x") if axis in self.coordinates and self.coordinates[axis].ndim}
         differs = own != self.wanted or any(axis in cells.dims and cells.sizes[axis] != size for axis, size in sizes.items())
@@ -88,7 +88,7 @@ class _Variables:
         self.variables[self.free(name) if name in _AXES else name] = cells.variable
 
     def free(self, name: str) -> str:
-        """A name that nothing else has, much like this one."""
+        """Returns an unused name, derived from this one."""
         while name in self.names:
             name += "_"
         self.names.add(name)
@@ -96,7 +96,9 @@ class _Variables:
 
 
 def _series_of(trees: Mapping[str, Dataset]) -> dict[str, list[str]]:
-    """Names of layers, by what they are named but for their times, in the order of these; nothing if they do not make one axis of times."""
+    """Returns names of layers in order of time, by their names without times; nothing if they do
+    not form one time axis.
+    """
     groups: dict[str, list[str]] = {}
     for name, tree in trees.items():
         if time_of_text(tree.time) is not None:
@@ -120,7 +122,9 @@ def _times_of(trees: Sequence[Dataset]) -> Any:
 
 
 def _alike(tree: Dataset) -> Any:
-    """What all layers along an axis have alike: types, places, and what numbers mean."""
+    """Returns what all layers along an axis must have in common: types, georeferencing, and the
+    meaning of numbers.
+    """
     facts = tree._facts()
     return (
         (tree.dtype, tree.count, tree.depth, tree.shape, tree.kind, tree.rule, tree.crs, tree.matrix.tolist()),
@@ -129,7 +133,7 @@ def _alike(tree: Dataset) -> Any:
 
 
 def _along(trees: Sequence[Dataset], wanted: int, axis: str, places: Any, mask_and_scale: bool | None) -> xr.Dataset:
-    """Layers that are alike as one variable, along a new axis."""
+    """Returns layers with equal properties as one variable, along a new axis."""
     level, void = min(wanted, trees[0].depth), void_of(*trees)
     first = _dataset_of(trees[0], level, void, False)
     like = first[USUAL]
@@ -148,7 +152,7 @@ def _along(trees: Sequence[Dataset], wanted: int, axis: str, places: Any, mask_a
 
 
 def _bands(trees: Mapping[str, Dataset], wanted: int, mask_and_scale: bool | None) -> xr.Dataset:
-    """All layers along an axis of bands, with their names."""
+    """Returns all layers along an axis of bands, with their names."""
     first = next(iter(trees.values()))
     for name, tree in trees.items():
         about = (tree.dtype, tree.count, tree.shape, tree.kind)

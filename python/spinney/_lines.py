@@ -1,4 +1,4 @@
-"""Trees of lines: features of lines with their attributes, found by where they pass."""
+"""Line trees: line features with their attributes, in a spatial index."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ from ._zonal import definition_of
 
 @dataclass(frozen=True)
 class BuiltLines:
-    """What came of building a tree of lines."""
+    """Counts of a new line tree."""
 
     features: int
     segments: int
-    """Pieces of lines between two vertices."""
+    """Segments between two vertices."""
     length: float
 
 
 @dataclass(frozen=True)
 class LineLevel:
-    """What the nodes of a level of a tree of lines have."""
+    """Counts of the nodes of one level of a line tree."""
 
     nodes: int
     segments: int
-    """Pieces of lines that these nodes themselves have, and their length."""
+    """Segments stored in these nodes themselves; `length` is their length."""
     length: float
     most_segments: int
-    """Pieces and features in a node and those below, at most."""
+    """Maximum number of segments, and of features, in a node and all below it."""
     most_features: int
 
 
 @dataclass(frozen=True)
 class LineCrossings:
-    """Places where lines of a tree and other lines meet, in the order of the others."""
+    """Crossings of a tree's lines with other lines, in the order of the others."""
 
     features: npt.NDArray[np.int64]
     """Numbers of the tree's features."""
     lines: npt.NDArray[np.int64]
     """Numbers of the other lines."""
     places: npt.NDArray[np.float64]
-    """Where they meet, of shape (n, 2)."""
+    """Coordinates of the crossings, of shape (n, 2)."""
 
     def __len__(self) -> int:
         return len(self.features)
@@ -73,12 +73,15 @@ def build_lines(
     threads: int | None = None,
     progress: Progress = None,
 ) -> BuiltLines:
-    """Makes a tree of lines, a .goblin file: of a file of features that are lines (GeoPackage, GeoJSON, FlatGeobuf, shapefile, CSV with WKT), or of features as
-    `__geo_interface__` has them, such as a GeoDataFrame::
+    """Builds a line tree, a .goblin file, from a file of line features (GeoPackage, GeoJSON,
+    FlatGeobuf, shapefile, CSV with WKT), or from features with a `__geo_interface__`, such as a
+    GeoDataFrame::
 
         spinney.build_lines("roads.gpkg", "roads.goblin", where="lanes>=2", attributes=["name"])
 
-    Features for which conditions hold (`where`), with all or some `attributes`, of any number, in bounded `memory`. Nodes of at most `leaf_size` pieces of lines (1024) are not divided.
+    Conditions (`where`) select features, and `attributes` selects some of their attributes. Any
+    number of features is built within `memory`. Nodes of up to `leaf_size` segments (1024) are not
+    divided.
     """
     names = None if attributes is None else names_of(attributes)
     origin = path_of(source) if is_path(source) else "features"
@@ -88,13 +91,14 @@ def build_lines(
 
 
 def open_lines(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> LineTree:
-    """Opens a tree of lines, also elsewhere (`https://`, `s3://` ...): see `open`."""
+    """Opens a line tree, also a remote one (`https://`, `s3://` ...): see `open`."""
     name, remote = remote_access_of(path, storage_options)
     return LineTree(name, positioned, remote)
 
 
 class LineTree(BlockTree, _native.Lines):
-    """A tree of lines in a file, as `open_lines` opens it; a context manager. Features have numbers from 0, in the order in which they came::
+    """An open line tree, see `open_lines`; a context manager. Features are numbered from 0, in
+    input order::
 
         with spinney.open_lines("roads.goblin") as roads:
             roads.features(window=(302450, 3193000, 302700, 3194000))
@@ -112,28 +116,30 @@ class LineTree(BlockTree, _native.Lines):
 
     @property
     def bounds(self) -> tuple[float, float, float, float] | None:
-        """Least and greatest coordinates of all lines; None if there are none."""
+        """Minimum and maximum coordinates of all lines; None if there are none."""
         bounds: tuple[float, float, float, float] | None = self._facts()["bounds"]
         return bounds
 
     @property
     def segments(self) -> int:
-        """Number of pieces of lines between two vertices."""
+        """The number of segments between two vertices."""
         return int(self._facts()["segments"])
 
     @property
     def length(self) -> float:
-        """Length of all lines, in units of the coordinates."""
+        """The length of all lines, in units of the coordinates."""
         return float(self._facts()["length"])
 
     def levels(self) -> list[LineLevel]:
-        """Counts and lengths level by level, from the root down, without reading lines."""
+        """Returns counts and lengths for each level, root first, without reading lines."""
         return [LineLevel(*level) for level in self._levels()]
 
     def find(
         self, window: Sequence[float], *, threads: int | None = None, progress: Progress = None
     ) -> npt.NDArray[np.int64]:
-        """Numbers of the features of which a line passes through a window (least and greatest coordinates), its border included; they ascend."""
+        """Returns the ascending numbers of the features that have a line through a window (minimum
+        and maximum coordinates), its border included.
+        """
         corners = [float(number) for number in window]
         if len(corners) != 4:
             raise ValueError(f"window: {len(corners)} numbers, expected least and greatest coordinates, four")
@@ -149,8 +155,10 @@ class LineTree(BlockTree, _native.Lines):
         threads: int | None = None,
         progress: Progress = None,
     ) -> list[dict[str, Any]]:
-        """Whole features as those of GeoJSON, with their number as id: all, those that pass through a `window`, or those that other lines cross (`crossing`, as
-        `crossings` takes them); with all or some `attributes`."""
+        """Returns whole features as in GeoJSON, with their number as id: all, those that intersect
+        a `window`, or those that other lines cross (`crossing`, as for `crossings`); with all or
+        some `attributes`.
+        """
         numbers = self._chosen(window, crossing, threads)
         names = self.attributes
         chosen = range(len(names)) if attributes is None else [_position(names, name) for name in attributes]
@@ -176,9 +184,12 @@ class LineTree(BlockTree, _native.Lines):
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Distances of the lines of the k features nearest to each place, of shape (n, k), the numbers of these features, (n, k), and the nearest places on them, (n, k, 2),
-        the nearest first; infinite, -1 and NaN where fewer are within the `radius`. Coordinates are in the file's own system, those of a GeoSeries in its `crs`, or in other `coordinates`
-        ("lonlat", "EPSG:3035", any coordinate system); results are always in the file's own."""
+        """Returns for each point the k nearest features, nearest first: their distances, of shape
+        (n, k), their numbers, (n, k), and the nearest positions on them, (n, k, 2). If there are
+        fewer within the `radius`, these are infinity, -1 and NaN. Coordinates are in the file's own
+        system, those of a GeoSeries in its `crs`, or in other `coordinates` ("lonlat", "EPSG:3035",
+        any coordinate system); results are always in the file's own.
+        """
         if k < 1:
             raise ValueError(f"k: {k}, expected 1 or more")
         given, own = coordinates_of_points(places, 2)
@@ -190,7 +201,9 @@ class LineTree(BlockTree, _native.Lines):
         return distances, features, found.reshape(len(rows), k, 2)
 
     def crossings(self, lines: Any, *, threads: int | None = None, progress: Progress = None) -> LineCrossings:
-        """Where other lines cross the tree's, or touch them: one line, as rows of x and y, or several such."""
+        """Returns the points where other lines cross the tree's, or touch them. Lines are one line,
+        as rows of x and y, or several.
+        """
         with working(progress, threads) as terms:
             features, numbers, places = self._crossings(_lines_of(lines), terms)
         return LineCrossings(features, numbers, places.reshape(-1, 2))
@@ -206,7 +219,9 @@ class LineTree(BlockTree, _native.Lines):
         threads: int | None = None,
         progress: Progress = None,
     ) -> int:
-        """Writes whole features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply), chosen as `features` does; returns how many."""
+        """Writes whole features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj or .ply), selected
+        as by `features`; returns their number.
+        """
         numbers = self._chosen(window, crossing, threads)
         names = None if attributes is None else names_of(attributes)
         with working(progress, threads, max_bytes) as terms:
@@ -239,7 +254,7 @@ def _geometry(lines: list[list[list[float]]]) -> dict[str, Any] | None:
 
 
 def _lines_of(lines: Any) -> list[npt.NDArray[np.float64]]:
-    """One line, or several, as arrays."""
+    """Returns one or several lines as arrays."""
     given = list(lines)
     if given and np.ndim(given[0]) == 1:
         return [points_of(given, 2, "lines")]

@@ -1,4 +1,4 @@
-"""Meshes in memory, as models to build of: arrays, meshes and scenes of trimesh, faces of exact models."""
+"""Meshes in memory as input of builds: arrays, trimesh meshes and scenes, faces of exact models."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ _NOTHING = np.zeros(0, dtype="<u4")
 
 
 def is_mesh(source: Any) -> bool:
-    """Whether something is a mesh: one of trimesh, or any that has vertices and faces; faces of an exact model; or a pair of arrays."""
+    """Returns whether a source is a mesh: a trimesh mesh, or anything that has vertices and faces;
+    faces of an exact model; or a pair of arrays.
+    """
     if isinstance(source, tuple) and len(source) == 2 and not is_path(source[0]):
         if is_mesh(source[0]) or is_mesh(source[1]):
             return False
@@ -32,11 +34,13 @@ def is_mesh(source: Any) -> bool:
 
 
 def meshes_of(source: Any) -> list[tuple[str | None, Any]] | None:
-    """The meshes that something is, with their names: one, several in a list or by their names, or a scene of trimesh."""
+    """Returns the meshes of a source, with their names: one, several in a list or by name, or a
+    trimesh scene.
+    """
     if is_mesh(source):
         return [(None, source)]
     if hasattr(source, "graph") and hasattr(source, "dump"):
-        # (Copies where they stand in the scene, whose nodes have names of their own.)
+        # (Copies transformed to their positions in the scene, whose nodes have names of their own.)
         found = [(str(mesh.metadata["node"]), mesh) for mesh in source.dump()]
     elif isinstance(source, Mapping):
         found = [(str(name), mesh) for name, mesh in source.items()]
@@ -51,7 +55,7 @@ def meshes_of(source: Any) -> list[tuple[str | None, Any]] | None:
 
 
 def unit_of(meshes: Sequence[tuple[str | None, Any]]) -> str | None:
-    """The unit of length that meshes of trimesh tell."""
+    """Returns the unit of length of trimesh meshes."""
     told = {str(getattr(mesh, "units", None)) for _, mesh in meshes} - {"None"}
     if len(told) > 1:
         raise ValueError(f"models: meshes in {' and '.join(sorted(told))}; convert them to one unit")
@@ -65,7 +69,9 @@ def mesh_columns(
     names: Sequence[str] | None = None,
     attributes: Sequence[Mapping[str, Any] | None] | Mapping[str, Mapping[str, Any]] | None = None,
 ) -> list[dict[str, Any]]:
-    """Arrays of meshes, by name: of a single one with what is said of its vertices, faces and parts, or of several that are a part each."""
+    """Returns the arrays of meshes, by name: of a single one with the attributes of its vertices,
+    faces and parts, or of several that are a part each.
+    """
     if len(meshes) == 1 and meshes[0][0] is None:
         ((_, mesh),) = meshes
         own = mesh.parts if parts is None and isinstance(mesh, Faces) else parts
@@ -89,7 +95,7 @@ def mesh_columns(
 
 
 def _columns(mesh: Any, colours: Any) -> tuple[dict[str, Any], int]:
-    """Vertices, faces and colours of a mesh, and the number of its faces."""
+    """Returns vertices, faces and colours of a mesh, and the number of its faces."""
     if isinstance(mesh, Faces):
         points, corners = np.asarray(mesh.vertices), np.asarray(mesh.corners)
         ends, face_ends = mesh.ring_ends, mesh.face_ends
@@ -114,7 +120,9 @@ def _columns(mesh: Any, colours: Any) -> tuple[dict[str, Any], int]:
 
 
 def _rings_of(faces: Any) -> tuple[Array, Array]:
-    """The corners of polygons, and where each of them ends there; no ends of triangles."""
+    """Returns the vertices of polygons, and each polygon's end among them; no ends for
+    triangles.
+    """
     lengths = np.array([len(face) for face in faces]) if isinstance(faces, list) else np.empty(0, dtype=np.int64)
     is_ragged = len(np.unique(lengths)) > 1
     corners = np.concatenate([np.asarray(face) for face in faces]) if is_ragged else np.asarray(faces)
@@ -128,7 +136,9 @@ def _rings_of(faces: Any) -> tuple[Array, Array]:
 
 
 def _colours_of(mesh: Any) -> tuple[str, Any] | None:
-    """Colours of the vertices or of the faces of a mesh of trimesh, if it has some; textures are none, which is told."""
+    """Returns the colours of a trimesh mesh's vertices or faces, if it has some. Textures are
+    dropped with a warning.
+    """
     visual = getattr(mesh, "visual", None)
     kind = getattr(visual, "kind", None)
     if kind == "texture":
@@ -139,7 +149,7 @@ def _colours_of(mesh: Any) -> tuple[str, Any] | None:
 
 
 def _channels(rows: Any) -> npt.NDArray[np.uint8]:
-    """Red, green and blue of rows of whole numbers; opacity is left out, which is told."""
+    """Returns red, green and blue of integer rows. Opacity is dropped with a warning."""
     colours = np.asarray(rows)
     if colours.ndim != 2 or colours.shape[1] not in (3, 4) or colours.dtype.kind not in "iu":
         raise ValueError(f"colours: {colours.dtype} of shape {colours.shape}, expected rows of red, green and blue, whole numbers from 0 to 255")
@@ -151,7 +161,7 @@ def _channels(rows: Any) -> npt.NDArray[np.uint8]:
 
 
 def _numbers(given: Any, count: int, name: str, of: str) -> npt.NDArray[np.uint32]:
-    """Whole numbers from 0, one for each of so many."""
+    """Checks `count` integers from 0."""
     numbers = np.asarray(given)
     if numbers.shape != (count,) or numbers.dtype.kind not in "iu" or (count and not 0 <= int(numbers.min()) <= int(numbers.max()) < 1 << 32):
         raise ValueError(f"{name}: {numbers.dtype} of shape {numbers.shape}, expected a number from 0 for each of {count} {of}")
@@ -159,7 +169,7 @@ def _numbers(given: Any, count: int, name: str, of: str) -> npt.NDArray[np.uint3
 
 
 def _told(attributes: Any, names: Sequence[str]) -> list[str | None]:
-    """Attributes of each part, as JSON."""
+    """Returns the attributes of each part, as JSON."""
     if isinstance(attributes, Mapping):
         unknown = [str(name) for name in attributes if name not in names]
         if unknown:
@@ -172,14 +182,14 @@ def _told(attributes: Any, names: Sequence[str]) -> list[str | None]:
 
 
 def _plain(value: Any) -> Any:
-    """A scalar or an array of NumPy as Python has it."""
+    """Converts a NumPy scalar or array to Python."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"attributes: {value!r} is nothing that JSON has")
 
 
 def _name_of(mesh: Any) -> str | None:
-    """The name that a mesh of trimesh tells."""
+    """Returns the name in a trimesh mesh's metadata."""
     told = getattr(mesh, "metadata", None)
     name = told.get("name") if isinstance(told, Mapping) else None
     return None if name is None else str(name)

@@ -1,4 +1,4 @@
-"""What is said of an array, and what it tells itself, as the native part takes it."""
+"""Properties of an array, from arguments and from the array itself, for the native module."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from ._sources import RasterioArray, is_rasterio, one_array
 
 
 def array_options(source: Any, common: Mapping[str, Any], about: Mapping[str, Any]) -> tuple[Blocks, dict[str, Any]]:
-    """The blocks of an array and what is known of it: `common` and `about` are arguments of `spinney.build`, which count more than
-    what the array tells."""
+    """Returns the blocks of an array and its properties. `common` and `about` are arguments of
+    `spinney.build`, which take precedence over the array's own properties.
+    """
     told: dict[str, Any] = {}
     said, nodata = dict(about), common["nodata"]
     shared = dict(common)
@@ -75,7 +76,7 @@ def texts_of(texts: Any) -> list[str] | None:
 def pairs_of(
     scales: Any, offsets: Any, usual_scales: Any, usual_offsets: Any
 ) -> list[tuple[float, float]] | None:
-    """Scales and offsets by band; nothing if neither is given."""
+    """Returns scales and offsets by band; nothing if neither is given."""
     if scales is None and offsets is None:
         return None
     scales, offsets = usual_scales if scales is None else scales, usual_offsets if offsets is None else offsets
@@ -91,7 +92,9 @@ def check_bands(options: dict[str, Any], bands: int) -> None:
 
 
 def crs_text(crs: Any) -> str | None:
-    """The definition of a coordinate system, from text or what rasterio and pyproj have."""
+    """Returns the definition of a coordinate system, from a string or an object of rasterio or
+    pyproj.
+    """
     if crs is None or isinstance(crs, str):
         return crs
     if isinstance(crs, int):
@@ -105,10 +108,10 @@ def crs_text(crs: Any) -> str | None:
 
 
 def numbers_of(transform: Any) -> list[float]:
-    """Six numbers, or those of three rows of a matrix."""
+    """Returns six numbers, or those of a matrix's three rows."""
     numbers = np.asarray(transform, dtype=float)
     if numbers.ndim == 1 and len(numbers) == 9:
-        # (As `affine.Affine` has them: the last row says nothing.)
+        # (`affine.Affine` iterates over 9 numbers, of which the last row is constant.)
         numbers = numbers[:6]
     if numbers.shape == (4, 4):
         numbers = numbers[:3]

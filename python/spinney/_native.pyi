@@ -1,4 +1,4 @@
-"""Native part of the package."""
+"""Native module of the package `spinney`."""
 
 from collections.abc import Callable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Options of functions that do several things."""
+"""Options of functions with several modes."""
 
 from __future__ import annotations
 
@@ -8,20 +8,21 @@ from typing import Any
 
 
 def refuse(what: str, options: Mapping[str, Any]) -> None:
-    """Fails if options were given that are for something else."""
+    """Fails if options were given that this mode does not have."""
     for name, value in options.items():
         if value is not None:
             raise TypeError(f"{name}: is for {what}")
 
 
 def names_of(names: str | Iterable[Any]) -> list[str]:
-    """Names as a list: a string is one of them."""
+    """Returns names as a list: a string is one name."""
     return [names] if isinstance(names, str) else [str(name) for name in names]
 
 
 def time_of(time: int | None) -> int | None:
-    """The time of a commit, in seconds since the beginning of 1970: the one that is given, or that of the environment
-    (SOURCE_DATE_EPOCH), as the program has it."""
+    """Returns the time of a commit, in seconds since 1970: the given one, or the environment's
+    SOURCE_DATE_EPOCH, as in the program.
+    """
     if time is not None:
         return time
     text = os.environ.get("SOURCE_DATE_EPOCH")
@@ -32,7 +33,7 @@ def time_of(time: int | None) -> int | None:
 
 
 def packing_of(codec: str, max_error: float | None) -> tuple[str, float | None]:
-    """How few bytes a tree is to take, and what it may lose for that."""
+    """Returns the packing: the checked codec, and the maximum error."""
     if codec not in ("plain", "packed"):
         raise ValueError(f"codec: {codec!r}, expected plain or packed")
     return codec, max_error

@@ -1,4 +1,4 @@
-"""Trees of points: each point once, in the coarsest node whose spacing it keeps."""
+"""Point trees: each point is stored once, in the coarsest node whose spacing it keeps."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from ._metadata import crs_text
 from ._types import Coordinates, Path, Points, Progress
 
 Polygons = Sequence[Sequence[Points]]
-"""Parts, each of an outer ring and its holes: rows of x and y."""
+"""Polygons, each an outer ring and its holes: rows of x and y."""
 
 NAMES = {"u8": "u1", "u16": "u2", "i16": "i2", "u32": "u4", "i32": "i4", "f32": "f4", "f64": "f8", "i8": "i1", "u64": "u8", "i64": "i8"}
-"""Types of NumPy by the library's names."""
+"""NumPy types by the library's names."""
 
 
 @dataclass(frozen=True)
 class BuiltPoints:
-    """What came of building a tree of points."""
+    """Counts of a new point tree."""
 
     points: int
     duplicates: int
-    """Points at the place of another one: for each place, all but one."""
+    """Points with the coordinates of another one: for each position, all but one."""
 
 
 @dataclass(frozen=True)
 class PointColumn:
-    """What is known of a coordinate or an attribute of points."""
+    """Summary of a coordinate or an attribute of points."""
 
     count: int
-    """How many are numbers."""
+    """The number of values that are numbers."""
     min: float
     max: float
     mean: float
@@ -60,14 +60,20 @@ def build_points(
     threads: int | None = None,
     progress: Progress = None,
 ) -> BuiltPoints:
-    """Makes a tree of points, a .goblin file: of LAS or LAZ files, one or several; of a PLY or NPY file; of a file of features that are points (CSV, GeoPackage, GeoJSON,
-    FlatGeobuf, shapefile), whose numbers are their attributes, and whose heights, or else an attribute `z`, their third coordinate; or of an array: rows of x and y, or x, y and z, or
-    a structured one with such fields, whose other fields are attributes::
+    """Builds a point tree, a .goblin file, from one or several LAS or LAZ files; a PLY or NPY file;
+    a file of point features (CSV, GeoPackage, GeoJSON, FlatGeobuf, shapefile), whose numbers become
+    attributes, and whose heights, or else an attribute `z`, the third coordinate; or an array. An
+    array has rows of x and y, or x, y and z, or is structured with such fields, and its other
+    fields become attributes::
 
-        spinney.build_points("scan.laz", "scan.goblin", where="classification=2", attributes=["intensity"])
+        spinney.build_points(
+            "scan.laz", "scan.goblin", where="classification=2", attributes=["intensity"]
+        )
         spinney.build_points(xyz, "cloud.goblin", crs="EPSG:32632")
 
-    Points for which conditions hold (`where`), with all or some `attributes`, of any number, in bounded `memory`. Nodes of at most `leaf_size` points (50,000) are not divided.
+    Conditions (`where`) select points, and `attributes` selects some of their attributes. Any
+    number of points is built within `memory`. Nodes of up to `leaf_size` points (50,000) are not
+    divided.
     """
     paths = paths_of(source)
     given = (leaf_size, crs_text(crs), None if attributes is None else names_of(attributes), memory_of(memory), where)
@@ -79,7 +85,7 @@ def build_points(
 
 
 def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str, npt.NDArray[np.uint8]]]]:
-    """Coordinates, and names, types and bytes of attributes."""
+    """Returns coordinates, and names, types and bytes of attributes."""
     array = np.asarray(source)
     if array.dtype.names is None:
         axes = 2 if array.ndim == 2 and array.shape[1] == 2 else 3
@@ -104,16 +110,17 @@ def _columns(source: Any) -> tuple[npt.NDArray[np.float64], list[tuple[str, str,
 
 
 def open_points(path: Path, *, positioned: bool = False, storage_options: Mapping[str, Any] | None = None) -> PointTree:
-    """Opens a tree of points, also elsewhere (`https://`, `s3://` ...): see `open`."""
+    """Opens a point tree, also a remote one (`https://`, `s3://` ...): see `open`."""
     name, remote = remote_access_of(path, storage_options)
     return PointTree(name, positioned, remote)
 
 
 class PointTree(BlockTree, _native.Points):
-    """A tree of points in a file, as `open_points` opens it; a context manager.
+    """An open point tree, see `open_points`; a context manager.
 
-    Questions are about all points, or those in a `window` (least and greatest coordinates, of two or three axes), in `polygons`, or in a
-    `ball` (a centre and a radius), down to a `level`, for which conditions hold (`where="classification=2,intensity>100"`)::
+    Queries return all points, or those in a `window` (minimum and maximum coordinates, of two or
+    three axes), in `polygons`, or in a `ball` (a centre and a radius), down to a `level`, that meet
+    conditions (`where="classification=2,intensity>100"`)::
 
         with spinney.open_points("scan.goblin") as points:
             points.read(window=(500100, 5200100, 500300, 5200250), attributes=["intensity"])
@@ -131,24 +138,28 @@ class PointTree(BlockTree, _native.Points):
 
     @property
     def no_data(self) -> dict[str, float]:
-        """Numbers that encode "no value", by the names of the attributes that have one (`no_data` of extra bytes of LAS), as they are stored: without
-        scale and offset. `read` gives NaN for them where an attribute has a scale; `stats` and conditions leave them out."""
+        """Numbers that encode "no value", for attributes that have one (`no_data` of extra bytes of
+        LAS), as they are stored: without scale and offset. `read` returns NaN for them if the
+        attribute has a scale; `stats` and conditions ignore them.
+        """
         numbers = {name: number for name, _, _, number in self._facts()["attributes"] if number is not None}
         return {name: int(number) if float(number).is_integer() else number for name, number in numbers.items()}
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        """The type of the rows that `read` gives: x, y and z, then the attributes."""
+        """The dtype of the rows that `read` returns: x, y and z, then the attributes."""
         return self._dtype(None)
 
     @property
     def depth(self) -> int:
-        """The deepest level that nodes have."""
+        """The deepest level of nodes."""
         return int(self._facts()["depth"])
 
     @property
     def duplicates(self) -> int:
-        """Number of points at the place of another one: for each place, all but one."""
+        """The number of points with the coordinates of another one: for each position, all but
+        one.
+        """
         return int(self._facts()["duplicates"])
 
     def read(
@@ -163,7 +174,9 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> npt.NDArray[Any]:
-        """Points as a structured array with fields x, y and z, and the attributes, all or some. Those of coarse levels come first."""
+        """Returns points as a structured array with fields x, y and z, and all or some attributes.
+        Points of coarse levels come first.
+        """
         names = None if attributes is None else names_of(attributes)
         with working(progress, threads) as terms:
             rows = self._read(_wanted(window, polygons, ball, level, where), names, terms)
@@ -180,7 +193,9 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> int:
-        """Number of points. Nodes that lie in a window as a whole are not looked into."""
+        """Returns the number of points. Nodes that are entirely within a window are counted without
+        reading them.
+        """
         with working(progress, threads) as terms:
             return self._count(_wanted(window, polygons, ball, level, where), terms)
 
@@ -195,7 +210,9 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> dict[str, PointColumn | None]:
-        """Extremes and means of the coordinates and attributes, by name; None where there are no numbers."""
+        """Returns minima, maxima and means of the coordinates and attributes, by name; None for
+        columns without numbers.
+        """
         with working(progress, threads) as terms:
             _, columns = self._statistics(_wanted(window, polygons, ball, level, where), terms)
         names = ["x", "y", "z", *self.attributes]
@@ -212,10 +229,13 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-        """Distances of the k points nearest to each place, of shape (n, k), and their coordinates, (n, k, 3), the nearest first; infinite and NaN
-        where fewer are within the `radius`. In a quadtree z does not count; for places that are rows of x and y distances are in plan. Coordinates are
-        in the file's own system, or in other `coordinates` ("lonlat", "EPSG:3035", any coordinate system), with z as it is; distances and coordinates of the result
-        are always in the file's own."""
+        """Returns for each query point the k nearest points, nearest first: their distances, of
+        shape (n, k), and their coordinates, (n, k, 3). If there are fewer within the `radius`,
+        these are infinity and NaN. In a quadtree z does not count; for query points of x and y
+        distances are horizontal. Query points are in the file's own coordinate system, or in other
+        `coordinates` ("lonlat", "EPSG:3035", any coordinate system), with z unchanged; results are
+        always in the file's own.
+        """
         if k < 1:
             raise ValueError(f"k: {k}, expected 1 or more")
         given = np.asarray(places, dtype=np.float64)
@@ -240,7 +260,7 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> int:
-        """Writes points as .las, .laz, .csv, .ply or .npy; returns how many."""
+        """Writes points as .las, .laz, .csv, .ply or .npy; returns their number."""
         names = None if attributes is None else names_of(attributes)
         with working(progress, threads, max_bytes) as terms:
             return self._write(path_of(out), _wanted(window, polygons, ball, level, where), names, terms)
@@ -258,7 +278,9 @@ class PointTree(BlockTree, _native.Points):
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Makes a quadtree of cells of a width: what the points in each come to, of z or of an attribute; VOID where there are none."""
+        """Rasterizes points to a quadtree with cells of width `cell`. A cell aggregates z, or an
+        attribute, of its points by `rule`; cells without points are VOID.
+        """
         step = f"{rule},cell={float(cell)!r}" + ("" if attribute is None else f",attribute={attribute}")
         with working(progress, threads, max_bytes) as terms:
             self._raster(path_of(out), step, where, memory_of(memory), terms)
@@ -276,7 +298,7 @@ def _wanted(
     level: int | None,
     where: str | None,
 ) -> tuple[Any, Any, Any, int | None, str | None]:
-    """The terms of a selection."""
+    """Returns the native module's description of a selection."""
     if sum(given is not None for given in (window, polygons, ball)) > 1:
         raise ValueError("window, polygons, ball: expected one of them")
     corners = None

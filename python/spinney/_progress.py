@@ -1,4 +1,4 @@
-"""Terms of long work: who is told about its progress, and what it may use."""
+"""Terms of long jobs: progress callback and limits."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from typing import Any
 from ._types import Progress
 
 Terms = tuple[Callable[[int, int], object] | None, int | None, int | None]
-"""A function that is called with what is done and the total, threads to work with, and bytes that the output may have."""
+"""Progress callback (completed and total work), number of threads, and maximum size of the output
+in bytes.
+"""
 
 ALONE: Terms = (None, None, None)
-"""Terms of work of which nobody is told."""
+"""Default terms, without progress callback."""
 
 
 @contextmanager
 def working(progress: Progress, threads: int | None = None, max_bytes: int | str | None = None) -> Iterator[Terms]:
-    """The terms of work with such arguments."""
+    """Yields the terms of a job from the arguments of a public function."""
     limit = None if max_bytes is None else bytes_of(max_bytes, "max_bytes")
     if threads is not None and (isinstance(threads, bool) or not isinstance(threads, Integral) or threads < 1):
         raise ValueError(f"threads: {threads!r}, expected a whole number, 1 or more")
@@ -29,7 +31,7 @@ def working(progress: Progress, threads: int | None = None, max_bytes: int | str
 
 @contextmanager
 def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]:
-    """A function to be called with what is done and the total: that of a new bar if `progress` is `True`, or of a bar of tqdm."""
+    """Yields a progress callback: that of a new bar if `progress` is `True`, or of a tqdm bar."""
     if progress is None or progress is False:
         yield None
     elif progress is True:
@@ -50,7 +52,7 @@ def telling(progress: Progress) -> Iterator[Callable[[int, int], object] | None]
 
 
 def _updates_of(bar: Any) -> Callable[[int, int], object]:
-    """What brings a bar of tqdm up to date."""
+    """Returns a callback that updates a tqdm bar."""
 
     def show(done: int, total: int) -> None:
         bar.total = total
@@ -61,7 +63,7 @@ def _updates_of(bar: Any) -> Callable[[int, int], object]:
 
 @contextmanager
 def _line() -> Iterator[Callable[[int, int], object] | None]:
-    """Progress without tqdm: one line of the standard error if that is a terminal, else nothing."""
+    """Progress without tqdm: one line on standard error if that is a terminal, else nothing."""
     stream, shown = sys.stderr, ""
     if stream is None or not stream.isatty():
         yield None
@@ -82,12 +84,12 @@ def _line() -> Iterator[Callable[[int, int], object] | None]:
 
 
 def memory_of(memory: int | str) -> int:
-    """A number of bytes: 268435456 or "256M"."""
+    """Returns a number of bytes: 268435456 or "256M"."""
     return bytes_of(memory, "memory")
 
 
 def bytes_of(given: int | str, name: str) -> int:
-    """A number of bytes, that of an argument."""
+    """Returns the number of bytes in an argument."""
     if isinstance(given, int):
         size = given
     else:

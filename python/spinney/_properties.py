@@ -1,4 +1,4 @@
-"""Properties of trees: size, meaning, place in the world."""
+"""Properties of trees: size, meaning, georeferencing."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from ._types import BoundingBox, Box, Transform
 
 
 class Properties(_native.Tree):
-    """The part of a dataset that describes it."""
+    """Descriptive properties of a dataset."""
 
     # Size and meaning
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Rows and columns; planes first in octrees."""
+        """Rows and columns; in octrees planes come first."""
         return tuple(self._shape_at(None))
 
     @property
     def ndim(self) -> int:
-        """2, or 3 of octrees."""
+        """2, or 3 for octrees."""
         return len(self._shape_at(None))
 
     @property
     def size(self) -> int:
-        """Number of cells."""
+        """The number of cells."""
         size = 1
         for length in self._shape_at(None):
             size *= length
@@ -34,17 +34,17 @@ class Properties(_native.Tree):
 
     @property
     def width(self) -> int:
-        """Columns."""
+        """The number of columns."""
         return self.shape[-1]
 
     @property
     def height(self) -> int:
-        """Rows."""
+        """The number of rows."""
         return self.shape[-2]
 
     @property
     def indexes(self) -> tuple[int, ...]:
-        """Numbers of the bands."""
+        """Numbers of the bands, from 1."""
         return tuple(range(1, self.count + 1))
 
     @property
@@ -54,17 +54,17 @@ class Properties(_native.Tree):
 
     @property
     def levels(self) -> int:
-        """Number of levels: 0 is one cell for everything, `depth` are the cells."""
+        """The number of levels: level 0 is a single cell, level `depth` has the cells."""
         return self.depth + 1
 
     @property
     def kind(self) -> str:
-        """`"categorical"` (classes) or `"continuous"` (amounts)."""
+        """`"categorical"` (classes) or `"continuous"` (measurements)."""
         return str(self._facts()["kind"])
 
     @property
     def rule(self) -> str:
-        """How one value stands for many at coarser levels: mean, majority, ..."""
+        """The rule that computes the value of a coarser cell: mean, majority, ..."""
         return str(self._facts()["rule"])
 
     @property
@@ -74,12 +74,12 @@ class Properties(_native.Tree):
 
     @property
     def file_size(self) -> int:
-        """Bytes of the file."""
+        """The size of the file in bytes."""
         return int(self._facts()["file_size"])
 
     @property
     def tags(self) -> dict[str, str]:
-        """Anything else that is told of the data."""
+        """Further metadata, by name."""
         return dict(self._facts()["tags"])
 
     @property
@@ -100,63 +100,67 @@ class Properties(_native.Tree):
 
     @property
     def units(self) -> tuple[str | None, ...]:
-        """Units of the bands, of what scales and offsets make."""
+        """Units of the bands, after scale and offset."""
         return self._by_band("units")
 
     @property
     def scales(self) -> tuple[float, ...]:
-        """Factors that make physical units of samples."""
+        """Factors from samples to physical units."""
         pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
         return tuple(scale for scale, _ in pairs)
 
     @property
     def offsets(self) -> tuple[float, ...]:
-        """What is added to samples times `scales`."""
+        """Offsets added to samples times `scales`."""
         pairs = self._facts()["scale_offset"] or [(1.0, 0.0)] * self.count
         return tuple(offset for _, offset in pairs)
 
     @property
     def provenance(self) -> list[str]:
-        """Where the data came from, a line per input or operation."""
+        """The data's provenance, a line per input or operation."""
         return list(self._facts()["provenance"])
 
     def _by_band(self, name: str) -> tuple[str | None, ...]:
         texts = self._facts()[name] or [""] * self.count
         return tuple(text or None for text in texts)
 
-    # Place in the world
+    # Georeferencing
 
     @property
     def transform(self) -> Transform:
-        """From columns and rows to the world, in rasterio's order; of octrees x and y of the lowest plane."""
+        """The transform from columns and rows to world coordinates, in rasterio's order; in octrees
+        that of x and y of the lowest plane.
+        """
         x, y, _ = self._frame
         return Transform(x[0], x[1], x[3], y[0], y[1], y[3])
 
     @property
     def matrix(self) -> npt.NDArray[np.float64]:
-        """From cells x, y, z, 1 to the world, 4 x 4 as trimesh has it."""
+        """The matrix from cells (x, y, z, 1) to world coordinates, 4 x 4 as in trimesh."""
         return np.array([*self._frame, [0.0, 0.0, 0.0, 1.0]])
 
     @property
     def res(self) -> tuple[float, float]:
-        """Width and height of a cell in the world."""
+        """The width and height of a cell in world units."""
         a, b, _, d, e, _ = self.transform
         return float(np.hypot(a, d)), float(np.hypot(b, e))
 
     @property
     def bounds(self) -> BoundingBox | Box:
-        """Least and greatest coordinates in the world."""
+        """Minimum and maximum world coordinates."""
         low, high = self._world_box
         return BoundingBox(*low[:2], *high[:2]) if self.ndim == 2 else Box(*low, *high)
 
     def xy(self, row: float, col: float) -> tuple[float, float]:
-        """The world coordinates of a cell's centre."""
+        """Returns the world coordinates of a cell's centre."""
         a, b, c, d, e, f = self.transform
         col, row = col + 0.5, row + 0.5
         return a * col + b * row + c, d * col + e * row + f
 
     def index(self, x: float, y: float) -> tuple[int, int]:
-        """Row and column of the cell at a place in the world; there may be no such cell."""
+        """Returns the row and column of the cell at world coordinates, which may be outside of the
+        tree.
+        """
         a, b, c, d, e, f = self.transform
         det = a * e - b * d
         if det == 0.0:

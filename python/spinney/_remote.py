@@ -1,4 +1,4 @@
-"""Remote files: on web servers, in buckets, in the file systems of fsspec, and files that Python reads."""
+"""Remote files: on web servers, in buckets, in fsspec file systems, and files that Python reads."""
 
 from __future__ import annotations
 
@@ -14,20 +14,21 @@ from typing import Any
 
 from . import _native
 
-# Length of a file, the function that reads its ranges, what a copy of it is made of, and its version with a function that returns the present one.
+# Length of a file, the function that reads its ranges, the object that copies are made from, and
+# its version with a function that returns the current one.
 PythonFile = tuple[int, Callable[[list[int], list[int]], list[bytes]], Any, tuple[str, Callable[[], str]] | None]
 
 # Options of the store; a file that Python reads; whether remote and external files are refused.
 RemoteAccess = tuple[list[tuple[str, str]], PythonFile | None, tuple[bool, bool]]
 
-#: Schemes of URLs that the native part reads by itself, by the protocols of fsspec.
+#: Schemes of URLs that the native module reads itself, by the protocols of fsspec.
 _SCHEMES = {"http": "", "https": "", "s3": "s3://", "s3a": "s3://", "gs": "gs://", "gcs": "gs://", "az": "az://", "abfs": "az://", "abfss": "az://"}
 
 
 def remote_access_of(
     path: Any, storage_options: Mapping[str, Any] | None, no_remote: bool = False, no_external: bool = False
 ) -> tuple[str, RemoteAccess]:
-    """The name of a file, and how it is read if it is not a local one."""
+    """Returns the name of a file, and how it is read if it is not local."""
     refused = (bool(no_remote), bool(no_external))
     if _is_chained(path):
         path, storage_options = _opened(path, storage_options), None
@@ -40,8 +41,9 @@ def remote_access_of(
 
 
 def path_of(path: Any, name: str = "path") -> str:
-    """The name of a file for functions that open it themselves: a path, a URL, or a file of fsspec that is local or has a URL that the native
-    part reads."""
+    """Returns the name of a file for functions that open it themselves: a path, a URL, or an fsspec
+    file that is local or has a URL that the native module reads.
+    """
     system, within = _system_of(path)
     if system is None:
         if hasattr(path, "read"):
@@ -59,28 +61,30 @@ def path_of(path: Any, name: str = "path") -> str:
 
 
 def is_path(path: Any) -> bool:
-    """Whether something names a file: a path, a URL, or a file of fsspec."""
+    """Returns whether an object names a file: a path, a URL, or an fsspec file."""
     return isinstance(path, str | os.PathLike) or _system_of(path)[0] is not None
 
 
 def kept_name(path: Any, file: Any) -> str:
-    """The name by which a file is opened again, wherever that is."""
+    """Returns the name by which any process can open the file again."""
     name = str(path) if file is not None else path_of(path)
     return name if file is not None or "://" in name else os.path.abspath(name)
 
 
 def access_again(file: Any, storage: list[tuple[str, str]] | None, refused: tuple[bool, bool] = (False, False)) -> RemoteAccess:
-    """How a file is read that was opened before."""
+    """Returns how a file is read that was opened before."""
     given = None if file is None else _file_of(file)[1]
     return storage or [], given, refused
 
 
 @contextmanager
 def restricted(*, no_remote: bool = False, no_external: bool = False) -> Iterator[None]:
-    """Refuses files in a `with` block, as the options `--no-remote` and `--no-external` of the program do: for input of unknown origin.
+    """Refuses files in a `with` block, as the program's options `--no-remote` and `--no-external`
+    do. Use it for untrusted input.
 
-    With `no_remote` no remote file is opened, whatever names it; with `no_external` no virtual raster (VRT), NRRD head, `.views` file or manifest whose
-    data are in other files. It holds for what the calling thread does in the block, and for files that it opens there::
+    With `no_remote` any use of a remote file is an error; with `no_external` virtual rasters (VRT),
+    NRRD headers, `.views` files and manifests whose data are in other files are. This applies to
+    the calling thread within the block, and to files that it opens there::
 
         with spinney.restricted(no_remote=True, no_external=True):
             spinney.build(upload, "upload.goblin")
@@ -94,7 +98,7 @@ def restricted(*, no_remote: bool = False, no_external: bool = False) -> Iterato
 
 
 def _file_of(path: Any) -> tuple[str, PythonFile | None]:
-    """The name of a file, and how Python reads it if it does."""
+    """Returns the name of a file, and how Python reads it if it does."""
     system, within = _system_of(path)
     if system is not None:
         if getattr(path, "compression", None):
@@ -108,7 +112,9 @@ def _file_of(path: Any) -> tuple[str, PythonFile | None]:
 
 
 def _is_chained(path: Any) -> bool:
-    """Whether a text is a URL that fsspec alone knows, such as `github://` or `simplecache::s3://`."""
+    """Returns whether a string is a URL that only fsspec knows, such as `github://` or
+    `simplecache::s3://`.
+    """
     if not isinstance(path, str):
         return False
     found = re.match(r"([a-z][a-z0-9+-]*)(::|://)", path)
@@ -116,7 +122,7 @@ def _is_chained(path: Any) -> bool:
 
 
 def _opened(path: str, storage_options: Mapping[str, Any] | None) -> Any:
-    """The file of fsspec that a URL leads to."""
+    """Opens a URL with fsspec."""
     try:
         import fsspec  # type: ignore[import-untyped,unused-ignore]
     except ImportError:
@@ -125,7 +131,7 @@ def _opened(path: str, storage_options: Mapping[str, Any] | None) -> Any:
 
 
 def _system_of(path: Any) -> tuple[Any, Any]:
-    """The file system of fsspec and the path in it, of its own files and of universal_pathlib's."""
+    """Returns the fsspec file system and the path in it, also for universal_pathlib."""
     system, within = getattr(path, "fs", None), getattr(path, "path", None)
     return (system, within) if within is not None and hasattr(system, "cat_ranges") else (None, None)
 
@@ -136,7 +142,7 @@ def _file_of_system(system: Any, name: Any, path: Any) -> PythonFile:
         return [bytes(part) for part in parts]
 
     def present() -> str:
-        # (Directories that were listed are of an earlier state.)
+        # (Cached directory listings may be outdated.)
         if hasattr(system, "invalidate_cache"):
             system.invalidate_cache()
         return _version_of(system.info(name)) or ""
@@ -147,18 +153,22 @@ def _file_of_system(system: Any, name: Any, path: Any) -> PythonFile:
     return int(system.size(name) if length is None else length), fetch, path, None if version is None else (version, present)
 
 
-#: What file systems of fsspec report that changes with the content.
+#: Properties in fsspec file information that change with the content.
 _VERSIONS = ("ETag", "etag", "e_tag", "md5Hash", "content_md5", "Content-MD5", "checksum", "generation", "mtime", "LastModified", "last_modified", "modified", "updated", "created")
 
 
 def _version_of(info: Mapping[str, Any]) -> str | None:
-    """The version of a file by what its file system reports; None if that does not distinguish versions."""
+    """Returns a file's version from the information of its file system; None if that does not
+    distinguish versions.
+    """
     found = {name: str(info[name]) for name in _VERSIONS if info.get(name) is not None}
     return json.dumps(found | {"size": str(info.get("size"))}, sort_keys=True) if found else None
 
 
 def _open_file(file: Any) -> tuple[str, PythonFile]:
-    """An open binary file, or bytes in memory: what is read of it is copied, whatever the position that it has."""
+    """Returns how an open binary file, or bytes in memory, is read: by copying, whatever its
+    position.
+    """
     lock = threading.Lock()
     with lock:
         at = file.tell()
@@ -194,8 +204,10 @@ def _part(file: Any, start: int, end: int) -> bytes:
 
 
 def token_of(opened: Any) -> Any:
-    """A token for Dask of an open file of points, lines or faces, by its path and its present version. Remote files have another one each time, so
-    that nothing is computed from an earlier version."""
+    """Returns a Dask token for an open file of points, lines or faces, from its path and current
+    version. Remote files get a new token each time, so that nothing is computed from an earlier
+    version.
+    """
     _, file, _ = opened._remote
     if file is not None:
         return str(opened.path), content_token(file[2]) or uuid.uuid4().hex
@@ -207,7 +219,7 @@ def token_of(opened: Any) -> Any:
 
 
 def content_token(file: Any) -> str | None:
-    """A token of bytes in memory, which have no version."""
+    """Returns a Dask token for bytes in memory, which have no version."""
     if not hasattr(file, "getbuffer"):
         return None
     with file.getbuffer() as buffer:
@@ -224,7 +236,7 @@ def _is_local(system: Any) -> bool:
     return bool({"file", "local"} & set([protocol] if isinstance(protocol, str) else protocol))
 
 
-#: Options of s3fs, gcsfs and adlfs by the names that the stores' own library has for them.
+#: Options of s3fs, gcsfs and adlfs, with their names in the native module's store library.
 _OPTIONS = {
     "s3": {"key": "access_key_id", "secret": "secret_access_key", "token": "session_token", "anon": "skip_signature", "endpoint_url": "endpoint",
            "region_name": "region", "requester_pays": "request_payer"},
@@ -232,13 +244,15 @@ _OPTIONS = {
     "az": {"anon": "skip_signature", "sas_token": "sas_token", "tenant_id": "tenant_id", "client_id": "client_id", "client_secret": "client_secret"},
 }  # fmt: skip
 
-#: Options of fsspec that change nothing of what is read here.
+#: Options of fsspec that do not affect reads here.
 _WITHOUT_EFFECT = ("asynchronous", "batch_size", "cache_regions", "cache_type", "consistency", "default_block_size", "default_cache_type", "default_fill_cache", "project", "session_kwargs", "skip_instance_cache",
                    "use_listings_cache", "listings_expiry_time", "max_paths", "max_concurrency", "blocksize", "block_size", "version_aware", "protocol", "access")  # fmt: skip
 
 
 def storage_of(url: str, options: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Options of a store by its own names, of these or those of fsspec (s3fs, gcsfs, adlfs)."""
+    """Returns a store's options, given by their own names or by those of fsspec (s3fs, gcsfs,
+    adlfs).
+    """
     scheme = url.split("://", 1)[0].lower() if "://" in url else ""
     store = {"s3a": "s3", "gcs": "gs", "abfs": "az", "abfss": "az", "adl": "az", "azure": "az"}.get(scheme, scheme)
     given: dict[str, str] = {}
@@ -249,7 +263,7 @@ def storage_of(url: str, options: Mapping[str, Any] | None) -> list[tuple[str, s
 
 
 def _translated(store: str, key: str, value: Any) -> dict[str, str]:
-    """An option by the name that the store has for it."""
+    """Returns an option under the store's name."""
     match store, key:
         case _, "client_kwargs" | "config_kwargs" | "s3_additional_kwargs" if not isinstance(value, Mapping):
             raise TypeError(f"storage_options: {key}: expected a mapping, got {type(value).__name__}")
@@ -279,13 +293,13 @@ def _translated(store: str, key: str, value: Any) -> dict[str, str]:
 
 
 def _google_token(value: Any) -> dict[str, str]:
-    """Credentials as gcsfs has them."""
+    """Converts credentials in the form of gcsfs."""
     if isinstance(value, Mapping):
         return {"google_service_account_key": json.dumps(dict(value))}
     text = os.fspath(value)
     if text == "anon":
         return {"skip_signature": "true"}
-    # (Found without being named.)
+    # (The store library finds these itself.)
     if text in ("google_default", "cloud", "cache"):
         return {}
     if text == "browser":

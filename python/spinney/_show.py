@@ -1,4 +1,4 @@
-"""The page that shows a file, in a notebook."""
+"""The page that shows a file in a notebook."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import Any
 
 from . import _native
 
-# Bytes that one message to the page has at most: its reader asks for less.
+# Maximum size in bytes of a message to the page; its reader requests less.
 _MOST = 64 << 20
 
 
 def title_of(path: str) -> str:
-    """The title of a file's page: its name without folder and end."""
+    """Returns the title of a file's page: its name without directory and extension."""
     return os.path.splitext(os.path.basename(path))[0]
 
 
 def shown(path: str, start: dict[str, Any], height: int) -> Any:
-    """A widget with the page of a file, which the kernel reads for it."""
+    """Returns a widget with the page of a file, which the kernel reads for it."""
     try:
         import anywidget
         import traitlets
@@ -32,7 +32,9 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
     html = _native.page_html(os.path.basename(path), title_of(path), size, start)
 
     class Page(anywidget.AnyWidget):
-        """The page of a file; `polygon` is what was drawn last, as GeoJSON, and `statistics` those of what lies in it."""
+        """The page of a file; `polygon` is the polygon drawn last, as GeoJSON, and `statistics` are
+        those of its cells.
+        """
 
         _esm = pathlib.Path(__file__).with_name("show.js")
         _html = traitlets.Unicode(html).tag(sync=True)
@@ -45,17 +47,21 @@ def shown(path: str, start: dict[str, Any], height: int) -> Any:
 
         @property
         def polygon(self) -> dict[str, Any] | None:
-            """The geometry that was drawn last: in longitude and latitude, or in the file's own coordinates where it is shown in these."""
+            """The geometry drawn last: in longitude and latitude, or in the file's own coordinates
+            if it is shown in these.
+            """
             return json.loads(self._drawn)["geometry"] if self._drawn else None
 
         @property
         def crs(self) -> str | None:
-            """The coordinates of the polygon, as `zonal` takes them: "lonlat", or "world", the file's own."""
+            """The polygon's coordinates, as an argument of `zonal`: "lonlat", or "world", the
+            file's own.
+            """
             return json.loads(self._drawn)["crs"] if self._drawn else None
 
         @property
         def statistics(self) -> dict[str, Any] | None:
-            """The statistics that the page shows of it: cells by their parts inside."""
+            """The statistics on the page; cells count by their share inside the polygon."""
             return json.loads(self._drawn)["zone"] if self._drawn else None
 
         def _answer(self, _widget: Any, message: Any, _buffers: Any) -> None:

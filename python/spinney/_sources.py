@@ -1,4 +1,4 @@
-"""What other packages have, as something that trees are built of."""
+"""Objects of other packages as input of builds."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ._zonal import documents_of
 
 
 def paths_of(source: Any) -> list[str] | None:
-    """Names of files, if the source is that."""
+    """Returns file names, if the source is one or several paths."""
     if is_path(source):
         return [path_of(source)]
     if isinstance(source, list | tuple) and source and all(map(is_path, source)):
@@ -27,12 +27,14 @@ def paths_of(source: Any) -> list[str] | None:
 
 
 def is_rasterio(source: Any) -> bool:
-    """Whether something is an open dataset of rasterio."""
+    """Returns whether an object is an open rasterio dataset."""
     return all(hasattr(source, name) for name in ("indexes", "read", "profile", "dtypes"))
 
 
 class RasterioArray:
-    """Bands of a dataset of rasterio, to be read block by block: all of them, or some, by their numbers from 0. VOID is what its masks say."""
+    """Bands of a rasterio dataset, read block by block: all, or those with given indices from 0.
+    Its masks define VOID.
+    """
 
     def __init__(self, dataset: Any, bands: Sequence[int] | None = None) -> None:
         self.dataset = dataset
@@ -45,7 +47,8 @@ class RasterioArray:
         every = [role.name.capitalize() for role in dataset.colorinterp]
         self.roles = [every[band] for band in self.bands]
         self.alpha = self.roles.index("Alpha") if "Alpha" in self.roles and len(self.roles) > 1 else None
-        # The band that is the opacity of these, if it is none of them: as the last of them it is kept with the colours below it.
+        # The opacity band, unless it is among the bands: as the last one it is stored with the
+        # colours before it.
         self.opacity = every.index("Alpha") if "Alpha" in every and self.roles[-1] != "Alpha" else None
 
     def __getitem__(self, key: tuple[slice, slice, slice]) -> Array:
@@ -56,13 +59,13 @@ class RasterioArray:
             masked = self.roles[-1] != "Alpha"
             found: Array = self.dataset.read(numbers, window=window, masked=masked)
             return found
-        # (Masks made of opacity leave opacity itself out.)
+        # (Masks derived from opacity do not cover the opacity band.)
         samples = self.dataset.read(numbers, window=window)
         opacity = self.dataset.read(self.opacity + 1, window=window)
         return np.ma.MaskedArray(samples, mask=np.broadcast_to(opacity == 0, samples.shape))
 
     def told(self) -> dict[str, Any]:
-        """What the dataset tells about itself, as arguments of `spinney.build`."""
+        """Returns the dataset's properties, as arguments of `spinney.build`."""
         dataset = self.dataset
         placed = dataset.crs is not None or not dataset.transform.is_identity
         colours = dataset.colormap(self.bands[0] + 1) if self.roles == ["Palette"] else None
@@ -97,7 +100,9 @@ class RasterioArray:
 
 
 def rasterio_layers(dataset: Any) -> Iterator[tuple[str, RasterioArray]]:
-    """The layers of a dataset of rasterio with their names: each band, and a picture in colour as a whole."""
+    """Yields the layers of a rasterio dataset with their names: each band, or all bands together
+    for a colour image.
+    """
     stem = os.path.splitext(os.path.basename(str(dataset.name)))[0] or "band"
     roles = [role.name for role in dataset.colorinterp]
     if roles in (["red", "green", "blue"], ["red", "green", "blue", "alpha"], ["gray", "alpha"]) and set(dataset.dtypes) in ({"uint8"}, {"uint16"}, {"float32"}):
@@ -109,7 +114,9 @@ def rasterio_layers(dataset: Any) -> Iterator[tuple[str, RasterioArray]]:
 
 
 def one_array(dataset: Any) -> Any:
-    """The variables of a dataset of xarray as one DataArray: that which there is, or several as its bands."""
+    """Returns the variables of an xarray dataset as one DataArray: the only one, or several as its
+    bands.
+    """
     names = [name for name, array in dataset.data_vars.items() if array.ndim >= 2]
     if not names:
         raise ValueError("a dataset of xarray without a variable that has rows and columns")
@@ -124,7 +131,7 @@ def one_array(dataset: Any) -> Any:
         if any(str(other.get(key)) != str(about[0].get(key)) for other in about):
             raise ValueError(f"variables that differ in {key}, {', '.join(map(str, names))}: give stack=True for a layer of each")
     made = dataset[names].to_dataarray("band")
-    # What all have alike is told of all, and what is told by band of each.
+    # Common attributes are those of the whole; some others become values per band.
     by_band = {"units": "", "scale_factor": 1.0, "add_offset": 0.0}
     alike = {key for key in first.attrs if all(str(array.attrs.get(key)) == str(first.attrs[key]) for array in arrays)}
     made.attrs = {key: first.attrs[key] for key in alike}
@@ -141,10 +148,12 @@ def one_array(dataset: Any) -> Any:
 
 @contextmanager
 def feature_file(source: Any, out: Path) -> Iterator[tuple[str, str | None]]:
-    """A GeoJSON file of features, beside the output for as long as it is needed, and the definition of their coordinate system, if they tell it."""
+    """Yields a temporary GeoJSON file of features, in the output's directory, and the definition of
+    their coordinate system if they have one.
+    """
     (document, crs, _), *_ = documents_of(source)
     if crs == "world":
-        # (What tells no system is not in degrees.)
+        # (Without a known system, coordinates are not assumed to be degrees.)
         document = json.dumps({**json.loads(document), "crs": None})
     folder = os.path.dirname(os.path.abspath(path_of(out)))
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", suffix=".geojson", dir=folder) as file:

@@ -1,4 +1,4 @@
-"""Stacks: arrays beside each other, as the layers of one file."""
+"""Stacks: arrays as separate layers of one file."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from ._metadata import array_options
 from ._types import Progress
 
 USUAL = "band_data"
-"""The name of a variable of xarray that has none of its own."""
+"""The name of an xarray variable without its own name."""
 
 _BY_BAND = ("descriptions", "units", "scales", "offsets")
-"""Arguments that have something for each band."""
+"""Arguments with a value for each band."""
 
 
 class ArrayLayer(NamedTuple):
@@ -31,12 +31,12 @@ class ArrayLayer(NamedTuple):
 
     name: str
     group: str
-    """What it is a part of, by whose name options may be said."""
+    """The name of the array or variable that it belongs to, by which options can be given."""
     array: Any
     seen: str | None = None
-    """The time of what is seen."""
+    """Acquisition time."""
     band: int | None = None
-    """Its number among bands of which something is said in order, from 0."""
+    """Its index from 0 among bands with per-band options."""
 
 
 class _OneBand:
@@ -54,8 +54,10 @@ class _OneBand:
 def layers_of(
     source: Any, stack: bool, told: tuple[Sequence[str] | None, Sequence[str] | None], dims: str | None, descriptions: Any
 ) -> list[ArrayLayer] | None:
-    """The layers that a source in memory is: of a mapping of names, arrays in a list, bands, variables, times. `None` if it is something
-    else: one tree, or files. `told` are names and times of all layers."""
+    """Returns the layers of a source in memory: from a mapping of names, arrays in a list, bands,
+    variables, or times. Returns `None` for other sources: one tree, or files. `told` are names and
+    times of all layers.
+    """
     if hasattr(source, "data_vars"):
         variables = {str(name): array for name, array in source.data_vars.items() if array.ndim >= 2}
         if not stack and not any(map(_time_axis, variables.values())):
@@ -101,12 +103,12 @@ def layers_of(
 
 
 def _own(name: Any) -> str:
-    """The name of a variable, if it tells something."""
+    """Returns the name of a variable, or an empty string if it has only the default name."""
     return "" if name is None or name == USUAL else str(name)
 
 
 def _time_axis(array: Any) -> str | None:
-    """The axis of times of a DataArray."""
+    """Returns the time axis of a DataArray."""
     for axis in array.dims:
         if axis == "time" or (axis in array.coords and array.coords[axis].dtype.kind == "M"):
             return str(axis)
@@ -114,7 +116,9 @@ def _time_axis(array: Any) -> str | None:
 
 
 def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
-    """The layers of an array that has a name: each time of a DataArray is one, and with `stack` each band."""
+    """Yields the layers of a named array: each time of a DataArray is one, and with `stack` each
+    band.
+    """
     if isinstance(array, _native.Tree) or hasattr(array, "_as_tree"):
         raise TypeError(f"{name}: is a tree; spinney.add_layer adds trees to a file, as they are")
     if is_path(array):
@@ -141,7 +145,7 @@ def _parts_of(name: str, array: Any, stack: bool) -> Iterator[ArrayLayer]:
 
 
 def _bands_told(array: Any, stack: bool) -> Iterator[tuple[str, Any]]:
-    """The bands of a DataArray with their names, or the whole without one."""
+    """Yields the bands of a DataArray with their names, or the whole without a name."""
     if not stack or "band" not in array.dims:
         yield "", array
         return
@@ -153,12 +157,12 @@ def _bands_told(array: Any, stack: bool) -> Iterator[tuple[str, Any]]:
         if not text and isinstance(texts, tuple | list | np.ndarray) and len(texts) == len(told):
             text = str(texts[number]).split(",")[0].strip()
         part = array.isel(band=number)
-        # (By the number names and units are told.)
+        # (Names and units are selected by number.)
         yield text or f"band_{label}", part.assign_coords(band=number + 1) if are_names else part
 
 
 def _bands_of(array: Any, dims: str | None, descriptions: Any) -> list[ArrayLayer]:
-    """The bands of an array without names for its axes."""
+    """Returns the bands of an array without axis names."""
     shape = tuple(int(length) for length in array.shape)
     dims = dims or usual_dims(shape)
     if len(dims) != len(shape):
@@ -174,26 +178,28 @@ def _bands_of(array: Any, dims: str | None, descriptions: Any) -> list[ArrayLaye
 
 
 class GivenLayers(NamedTuple):
-    """Layers of arrays, with all that is told of them: what the native part makes a file of."""
+    """Array layers with all options: the native module's input for a file."""
 
     layers: list[dict[str, Any]]
     depth: int | None
 
     def write(self, out: str, terms: tuple[Progress, int | None, int | str | None]) -> None:
-        """Makes the file."""
+        """Builds the file."""
         progress, threads, max_bytes = terms
         with working(progress, threads, max_bytes) as work:
             _native.build_layers(self.layers, out, self.depth, work)
 
 
 def one_layer(source: Any, common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
-    """The only layer of a file; `common` and `about` are arguments of `spinney.build`."""
+    """Returns the only layer of a file; `common` and `about` are arguments of `spinney.build`."""
     array, options = array_options(source, common, about)
     return GivenLayers([{"name": "", "read": array.read, "coarser": 0, "options": options}], common["depth"])
 
 
 def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about: Mapping[str, Any]) -> GivenLayers:
-    """The layers of a file; `common` and `about` are arguments of `spinney.build`, for all of them or by their names."""
+    """Returns the layers of a file; `common` and `about` are arguments of `spinney.build`, for all
+    layers or by name.
+    """
     refuse("an iterator of arrays", {"shape": about["shape"], "dtype": about["dtype"]})
     known = {name for layer in layers for name in (layer.name, layer.group) if name}
     planned = [_planned(layer, common, about, known) for layer in layers]
@@ -206,9 +212,9 @@ def stack_layers(layers: Sequence[ArrayLayer], common: Mapping[str, Any], about:
 
 
 def _planned(layer: ArrayLayer, common: Mapping[str, Any], about: Mapping[str, Any], known: set[str]) -> tuple[Blocks, dict[str, Any]]:
-    """The blocks of a layer, and what is known of it."""
+    """Returns the blocks of a layer, and its options."""
     own = {name: _of_layer(name, value, layer, known) for name, value in {**common, **about}.items()}
-    # (The place is that of all, and told of the finest cells.)
+    # (The transform is common to all layers, and is that of the finest cells.)
     own["transform"] = None
     array = layer.array
     if isinstance(array, _OneBand):
@@ -229,10 +235,10 @@ def _planned(layer: ArrayLayer, common: Mapping[str, Any], about: Mapping[str, A
 
 
 def _of_layer(name: str, value: Any, layer: ArrayLayer, known: set[str]) -> Any:
-    """What is said of a layer, of all or by names."""
+    """Returns a layer's option, which is given for all layers or by name."""
     if not isinstance(value, Mapping):
         return value
-    # (Names and colours of values, and tags, are mappings, too.)
+    # (Names and colours of values, and tags, are mappings themselves.)
     of_one = name in ("categories", "colormap", "tags")
     if of_one and not (value and all(isinstance(part, Mapping) for part in value.values())):
         return value
@@ -243,8 +249,9 @@ def _of_layer(name: str, value: Any, layer: ArrayLayer, known: set[str]) -> Any:
 
 
 def _place(planned: Sequence[dict[str, Any]], layers: Sequence[ArrayLayer], transform: Any) -> None:
-    """Finds how many levels each layer has less than the finest, by its place if it tells that, else by its size; gives all the place of the
-    finest cells."""
+    """Computes how many levels each layer has fewer than the finest, from its transform if it has
+    one, else from its size. Sets all transforms to that of the finest cells.
+    """
     if len({options["octree"] for options in planned}) > 1:
         raise ValueError("layers of a file are pictures, or volumes, not both")
     systems = {options["crs"] for options in planned} - {None}
@@ -256,7 +263,8 @@ def _place(planned: Sequence[dict[str, Any]], layers: Sequence[ArrayLayer], tran
     finest = _matrix(transform) if given else min((matrix for matrix in told if matrix is not None), key=lambda matrix: _width(matrix, axes), default=np.eye(4)[:3])
     coarser = [None if matrix is None else _levels_between(finest, matrix, axes, layer) for matrix, layer in zip(told, layers)]
     sizes = [options["extent"] for options in planned]
-    # The extent in finest cells: of layers that are known to have these, or of the largest of those that tell nothing.
+    # The extent in finest cells: of layers known to have these, or of the largest layer without a
+    # transform.
     exact = [size for size, levels in zip(sizes, coarser) if levels == 0] or sizes
     extent = [max(size[axis] for size in exact) for axis in range(3)]
     for layer, options, size, levels in zip(layers, planned, sizes, coarser):
@@ -271,7 +279,7 @@ def _place(planned: Sequence[dict[str, Any]], layers: Sequence[ArrayLayer], tran
 
 
 def _matrix(transform: Any) -> npt.NDArray[np.float64]:
-    """The three rows of a map from cells to the world."""
+    """Returns the three rows of a cell-to-world matrix."""
     numbers = np.asarray(transform, dtype=float)
     if numbers.ndim == 1 and len(numbers) in (6, 9):
         a, b, c, d, e, f = numbers[:6]
@@ -286,7 +294,7 @@ def _width(matrix: npt.NDArray[np.float64], axes: int) -> float:
 
 
 def _levels_between(finest: npt.NDArray[np.float64], matrix: npt.NDArray[np.float64], axes: int, layer: ArrayLayer) -> int:
-    """How many times the cells of a layer are twice as large as the finest."""
+    """Returns how often the cells of a layer are doubled in size relative to the finest."""
     width = _width(finest, axes)
     levels = round(np.log2(_width(matrix, axes) / width)) if width > 0 else 0
     linear = matrix[:axes, :axes] - finest[:axes, :axes] * 2.0**levels
@@ -300,7 +308,9 @@ def _levels_between(finest: npt.NDArray[np.float64], matrix: npt.NDArray[np.floa
 
 
 def _levels_of(size: Sequence[int], extent: Sequence[int], layer: ArrayLayer) -> int:
-    """How many times the cells of an array are twice as large as the finest, by its size."""
+    """Returns how often the cells of an array are doubled in size relative to the finest, from its
+    size.
+    """
     for levels in range(max(extent).bit_length() + 1):
         if all(-(-whole >> levels) == length for whole, length in zip(extent[: 2 if extent[2] == 1 and size[2] == 1 else 3], size)):
             return levels

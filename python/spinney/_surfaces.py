@@ -1,4 +1,4 @@
-"""Answers about the surfaces of exact models: their shells, and where rays pass through them."""
+"""Query results for surfaces of exact models: shells, and crossings with rays."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy.typing as npt
 
 @dataclass(frozen=True, eq=False)
 class SurfaceHits:
-    """Where rays meet a surface, one per row of the arrays."""
+    """First hits of rays on a surface, one per row of the arrays."""
 
     distance: npt.NDArray[np.float64]
-    """Lengths of the direction; NaN where nothing is hit."""
+    """Distance in units of the direction's length; NaN without a hit."""
     points: npt.NDArray[np.float64]
-    """Coordinates in the world; NaN where nothing is hit."""
+    """World coordinates; NaN without a hit."""
     faces: npt.NDArray[np.int64]
-    """Numbers of the faces; -1 where nothing is hit."""
+    """Numbers of the faces; -1 without a hit."""
     parts: npt.NDArray[np.int64]
-    """Numbers of the parts to which they belong; -1 where nothing is hit."""
+    """Numbers of the faces' parts; -1 without a hit."""
     entering: npt.NDArray[np.bool_]
-    """Whether the ray comes from outside."""
+    """Whether the ray arrives from outside."""
 
     @property
     def hit(self) -> npt.NDArray[np.bool_]:
@@ -31,41 +31,41 @@ class SurfaceHits:
 
 @dataclass(frozen=True, eq=False)
 class RayCrossings:
-    """Places where rays pass through a surface, one per row of the arrays; those of a ray follow each other."""
+    """Crossings of rays with a surface, one per row of the arrays, sorted by ray."""
 
     rays: npt.NDArray[np.int64]
     """Numbers of the rays, ascending."""
     distance: npt.NDArray[np.float64]
-    """Lengths of the direction."""
+    """Distance in units of the direction's length."""
     points: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
     parts: npt.NDArray[np.int64]
     entering: npt.NDArray[np.bool_]
-    """Whether the ray comes from outside."""
+    """Whether the ray arrives from outside."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """Surfaces that hang together, one per row of the arrays, in the order of their first faces."""
+    """Connected surfaces, one per row of the arrays, in the order of their first faces."""
 
     vertices: npt.NDArray[np.int64]
     edges: npt.NDArray[np.int64]
     faces: npt.NDArray[np.int64]
     inner_rings: npt.NDArray[np.int64]
-    """Rings beside the first of each face."""
+    """The number of inner rings of faces."""
     boundaries: npt.NDArray[np.int64]
-    """0 of closed ones."""
+    """The number of boundaries: 0 for closed surfaces."""
     genus: npt.NDArray[np.int64]
-    """Handles; -1 where that is no number."""
+    """The number of handles; -1 if that is not an integer."""
     volume: npt.NDArray[np.float64]
-    """Volume that each encloses, rounded once; negative of cavities."""
+    """Enclosed volume, rounded once; negative for cavities."""
     of_faces: npt.NDArray[np.int64]
-    """For each face of the model the number of its shell."""
+    """The shell number of each face of the model."""
 
     def __len__(self) -> int:
         return len(self.volume)
 
     @property
     def bodies(self) -> int:
-        """How many of them are the outsides of bodies, and not cavities."""
+        """The number of shells that are the outsides of bodies, not cavities."""
         return int(np.count_nonzero(self.volume > 0))

@@ -1,4 +1,4 @@
-"""Times of what is seen, between ISO 8601 and NumPy."""
+"""Acquisition times, converted between ISO 8601 and NumPy."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ Time = np.datetime64
 
 
 def time_of_text(text: str | None) -> Time | None:
-    """The time of a text as ISO 8601 has it, in UTC; `None` if it is none. Years and months are their beginnings."""
+    """Parses an ISO 8601 time, in UTC; `None` if it is invalid. A year or a month is its first
+    instant.
+    """
     if text is None:
         return None
     text = text.strip()
@@ -21,7 +23,7 @@ def time_of_text(text: str | None) -> Time | None:
             return np.datetime64(text, "ns")
         if not re.match(r"\d{4}", text):
             return None
-        # (Python knows microseconds at most.)
+        # (Python's datetime has microseconds at most.)
         whole, fraction, zone = _divided(text)
         at = datetime.fromisoformat(whole + zone)
     except ValueError:
@@ -29,14 +31,14 @@ def time_of_text(text: str | None) -> Time | None:
     if at.tzinfo is not None:
         at = at.astimezone(UTC).replace(tzinfo=None)
     found = np.datetime64(at, "ns")
-    # (Nanoseconds know the years 1678 to 2261 alone.)
+    # (datetime64[ns] only has the years 1678 to 2261.)
     if found.astype("M8[s]").item() != at:
         return None
     return found + np.timedelta64(fraction, "ns")
 
 
 def _divided(text: str) -> tuple[str, int, str]:
-    """A time up to whole seconds, its nanoseconds, and the zone behind them."""
+    """Splits a time into integer seconds, nanoseconds, and the time zone that follows."""
     found = re.fullmatch(r"([^.,]*)[.,](\d+)(.*)", text)
     if found is None:
         return text, 0, ""
@@ -45,7 +47,7 @@ def _divided(text: str) -> tuple[str, int, str]:
 
 
 def text_of_time(time: Any) -> str:
-    """A time of datetime64 as ISO 8601 has it, with as many digits as it needs."""
+    """Formats a datetime64 in ISO 8601, with as many digits as it needs."""
     at = np.datetime64(time, "ns")
     if np.isnat(at):
         raise ValueError("time: NaT is no time")
@@ -54,13 +56,17 @@ def text_of_time(time: Any) -> str:
 
 
 def short_of(text: str) -> str:
-    """A time in letters and digits, which a layer's name may have without being quoted in expressions: `20240105`, `20240105T101500`."""
+    """Formats a time in letters and digits, for layer names that need no quotes in expressions:
+    `20240105`, `20240105T101500`.
+    """
     digits = text.replace("-", "").replace(":", "").replace(".", "_").removesuffix("Z")
     return digits.removesuffix("T000000")
 
 
 def group_of(name: str, text: str) -> str:
-    """A layer's name without its time, however that is written in it; empty if it is all."""
+    """Returns a layer's name without its time, in any of its formats; empty if the name is only a
+    time.
+    """
     at = time_of_text(text)
     forms = {text, text.removesuffix("Z"), short_of(text)}
     if at is not None:

@@ -1,4 +1,4 @@
-"""What questions are answered with."""
+"""Types of arguments and results."""
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[Any]
-"""An array of samples, of whatever type the file has."""
+"""An array of samples, of the file's type."""
 
 
 class FileSystemPath(Protocol):
-    """A file of fsspec (`fsspec.open("s3://...")`), or a path of universal_pathlib."""
+    """An fsspec file (`fsspec.open("s3://...")`), or a universal_pathlib path."""
 
     @property
     def fs(self) -> Any:
@@ -22,34 +22,44 @@ class FileSystemPath(Protocol):
 
     @property
     def path(self) -> Any:
-        """The path in it."""
+        """The path in the file system."""
 
 
 Path = str | os.PathLike[str] | FileSystemPath
-"""Name of a file; `map.autumn@3` is commit 3 of `map.autumn`. Also a file of fsspec that is local or has a URL (`https`, `s3`, `gs`, `az`)."""
+"""Name of a file; `map.autumn@3` is commit 3 of `map.autumn`. Also an fsspec file that is local or
+has a URL (`https`, `s3`, `gs`, `az`).
+"""
 Progress = Callable[[int, int], object] | bool | Any | None
-"""A function that is called with what is done and the total, a bar of tqdm, or `True` for a new bar: one of tqdm if that is installed
-(`pip install tqdm`), else a line in the terminal."""
+"""A function that is called with the completed and the total work, a tqdm bar, or `True` for a new
+bar: a tqdm one if that is installed (`pip install tqdm`), else a line in the terminal.
+"""
 Window = Any
-"""Cells: `(column, row, width, height)`, of octrees `(x, y, z, width, height, depth)`, or a window of rasterio."""
+"""Cells: `(column, row, width, height)`, in octrees `(x, y, z, width, height, depth)`, or a
+rasterio window.
+"""
 Coordinates = Any
-"""What coordinates count: `"cells"`, `"world"` (the tree's own system), `"lonlat"` (degrees, WGS 84), or a coordinate system: text such
-as `"EPSG:3035"`, or an object of pyproj or rasterio. Of a window in others than cells least and then greatest ones are given."""
+"""Coordinates: `"cells"`, `"world"` (the tree's own system), `"lonlat"` (degrees, WGS 84), or a
+coordinate system: a string such as `"EPSG:3035"`, or an object of pyproj or rasterio. A window in
+coordinates other than cells has minimum, then maximum ones.
+"""
 Codec = Literal["plain", "packed"]
 Inside = Literal["nonzero", "positive", "odd"]
-"""Packing of segments: plain ones are used where they are in the file, packed ones take few bytes."""
+"""Packing of segments: plain ones are used in place, packed ones are smaller."""
 Resampling = Literal["nearest", "bilinear", "cubic", "area", "majority"]
-"""Ways in which cells get their values from those of another grid."""
+"""Resampling methods."""
 Style = str | Mapping[str, Any] | os.PathLike[str]
 """Colours: a style's name, its document as a dictionary or JSON, or a file with it."""
 BBox = Sequence[float]
-"""A box of the world: `(left, bottom, right, top)`, of octrees least and then greatest `x, y, z`."""
+"""A box in world coordinates: `(left, bottom, right, top)`, in octrees minimum, then maximum `x, y,
+z`.
+"""
 Points = npt.ArrayLike | Iterable[Sequence[float]]
-"""Points: an array with a row each, or anything that hands out coordinates."""
+"""Points: an array with a row each, or any iterable of coordinates."""
 
 
 class Transform(NamedTuple):
-    """From columns and rows to the world: `x = a col + b row + c`, `y = d col + e row + f`.
+    """Transform from columns and rows to world coordinates: `x = a col + b row + c`, `y = d col + e
+    row + f`.
 
     The order is that of rasterio: `affine.Affine(*ds.transform)`.
     """
@@ -63,7 +73,7 @@ class Transform(NamedTuple):
 
 
 class BoundingBox(NamedTuple):
-    """A box of the world, as rasterio has it."""
+    """A box in world coordinates, as in rasterio."""
 
     left: float
     bottom: float
@@ -72,7 +82,7 @@ class BoundingBox(NamedTuple):
 
 
 class Box(NamedTuple):
-    """A box of the world of an octree."""
+    """A box in world coordinates of an octree."""
 
     min_x: float
     min_y: float
@@ -83,31 +93,33 @@ class Box(NamedTuple):
 
     @property
     def left(self) -> float:
-        """Least x, as `BoundingBox` has it."""
+        """Minimum x, as in `BoundingBox`."""
         return self.min_x
 
     @property
     def bottom(self) -> float:
-        """Least y."""
+        """Minimum y."""
         return self.min_y
 
     @property
     def right(self) -> float:
-        """Greatest x."""
+        """Maximum x."""
         return self.max_x
 
     @property
     def top(self) -> float:
-        """Greatest y."""
+        """Maximum y."""
         return self.max_y
 
 
 Extent = Literal["a", "b", "union", "intersection"]
-"""Part of the world that a result covers: that of the first file, of the others, of all, or what all share."""
+"""Extent of a result: that of the first file, of the others, the union, or the intersection of
+all.
+"""
 ClassMatching = Literal["name", "number"]
 """How classes of two files are matched."""
 Units = Literal["convert", "number"]
-"""Whether numbers are converted by scale, offset and unit, or taken as they are stored."""
+"""Whether numbers are converted by scale, offset and unit, or used as stored."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +128,9 @@ class BandStatistics:
 
     cells: int
     min: float
-    """The least sample: an int, exact, where samples are integers."""
+    """The minimum sample: an exact int if samples are integers."""
     max: float
-    """The greatest sample, as `min`."""
+    """The maximum sample, as `min`."""
     mean: float
     std: float
 
@@ -137,12 +149,12 @@ class _OfBands:
 
     @property
     def min(self) -> float:
-        """The least sample of the first band."""
+        """The minimum sample of the first band."""
         return self.first.min
 
     @property
     def max(self) -> float:
-        """The greatest sample of the first band."""
+        """The maximum sample of the first band."""
         return self.first.max
 
     @property
@@ -158,62 +170,64 @@ class _OfBands:
 
 @dataclass(frozen=True)
 class Statistics(_OfBands):
-    """Exact statistics of the cells of a part."""
+    """Exact statistics of the cells of a region."""
 
     cells: int
     """Cells that are not VOID."""
     void_cells: int
-    """Cells of the part that are VOID."""
+    """Cells of the region that are VOID."""
     bands: tuple[BandStatistics, ...]
-    """Statistics of each band; nothing if there are no cells."""
+    """Statistics of each band; empty if there are no cells."""
     classes: dict[float, int]
-    """Cells of each class, by ascending value; only of files that count classes."""
+    """Cells of each class, by ascending value; only for files that count classes."""
 
 
 @dataclass(frozen=True)
 class ZoneValues:
-    """What the cells of each sample tell of a band in a polygon."""
+    """Value statistics of a band in a polygon."""
 
     variety: int
-    """Number of different samples."""
+    """The number of different samples."""
     majority: float
-    """The sample that most cells have; of several the least."""
+    """The most frequent sample; of several the smallest."""
     minority: float
-    """The sample that the fewest cells have; of several the least."""
+    """The least frequent sample; of several the smallest."""
     median: float
     """The quantile 0.5."""
     quantiles: dict[float, float]
-    """Quantiles that were asked for: those of `numpy.quantile`, with the shares of cells as weights."""
+    """The requested quantiles, as in `numpy.quantile`, weighted by the cells' shares."""
 
 
 @dataclass(frozen=True)
 class ZoneBand(BandStatistics):
-    """Statistics of one band in a polygon; `cells` need not be a whole number."""
+    """Statistics of one band in a polygon; `cells` need not be an integer."""
 
     sum: float = 0.0
-    """Sum of the samples."""
+    """The sum of the samples."""
     values: ZoneValues | None = None
-    """What single samples tell, if that was asked for."""
+    """Value statistics, if requested."""
 
 
 @dataclass(frozen=True)
 class ZoneStatistics(_OfBands):
-    """Exact statistics of the cells in a polygon. Where cells count by their area, numbers of cells need not be whole."""
+    """Exact statistics of the cells in a polygon. If cells count by area, their numbers need not be
+    integers.
+    """
 
     cells: float
     """Cells that are not VOID."""
     void_cells: float
-    """Cells of the polygon, within the tree's picture, that are VOID."""
+    """Cells of the polygon, within the tree's extent, that are VOID."""
     bands: tuple[ZoneBand, ...]
-    """Statistics of each band; nothing if there are no cells."""
+    """Statistics of each band; empty if there are no cells."""
     classes: dict[float, float]
-    """Cells of each class, by ascending value; only of files that count classes."""
+    """Cells of each class, by ascending value; only for files that count classes."""
     outside_cells: float = 0.0
-    """Area of the polygon outside of the tree's picture, in cells."""
+    """Area of the polygon outside of the tree's extent, in cells."""
 
     @property
     def void_share(self) -> float:
-        """The part of the cells within the picture that is VOID; NaN if there are none."""
+        """The share of the cells within the extent that is VOID; NaN if there are none."""
         within = self.cells + self.void_cells
         return self.void_cells / within if within else float("nan")
 
@@ -227,12 +241,15 @@ class Blocks:
     levels: npt.NDArray[np.uint8]
     """Levels."""
     boxes: npt.NDArray[np.int64]
-    """Cells of the deepest level: first column and row, width and height (of octrees x, y, z and three lengths). A row
-    is a `window` for `read`."""
+    """Cells of the deepest level: first column and row, width and height (in octrees x, y, z and
+    three lengths). A row is a `window` for `read`.
+    """
     world: npt.NDArray[np.float64]
-    """Boxes in the world: left, bottom, right, top, or least and then greatest x, y, z."""
+    """Boxes in world coordinates: left, bottom, right, top, or minimum, then maximum x, y, z."""
     values: npt.NDArray[Any]
-    """Values, float64, NaN where a block has several; of trees of int64 or uint64 samples of the tree's type, masked there."""
+    """Values as float64, NaN if a block has several; in trees of int64 or uint64 of that type, and
+    masked instead.
+    """
 
     def __len__(self) -> int:
         return len(self.codes)
@@ -243,23 +260,27 @@ class Labels:
     """Labels of a tree, or components of its cells: one per row of the arrays."""
 
     labels: npt.NDArray[Any]
-    """Labels in order: values, or numbers from 1."""
+    """Labels in ascending order: values, or numbers from 1."""
     classes: npt.NDArray[Any] | None
-    """What they stand for, a number each (a row each where there are several bands): the value of a component's cells, or that of another
-    tree, masked where it is VOID; None if it is not known."""
+    """The class of each label, a number (a row if there are several bands): the value of a
+    component's cells, or that of another tree, masked if it is VOID; None if unknown.
+    """
     cells: npt.NDArray[np.uint64]
-    """Numbers of cells."""
+    """The number of cells."""
     areas: npt.NDArray[np.float64]
-    """Square metres, NaN where these are not known; of octrees volumes, in the unit of the tree's coordinates."""
+    """Areas in square metres, NaN if unknown; in octrees volumes, in the unit of the tree's
+    coordinates.
+    """
     boxes: npt.NDArray[np.int64]
-    """The smallest boxes around the cells: first column and row, width and height (of octrees x, y, z and three lengths). A row is a
-    `window` for `read`."""
+    """Bounding boxes of the cells: first column and row, width and height (in octrees x, y, z and
+    three lengths). A row is a `window` for `read`.
+    """
     world: npt.NDArray[np.float64]
-    """The same in the world: left, bottom, right, top, or least and then greatest x, y, z."""
+    """The same in world coordinates: left, bottom, right, top, or minimum, then maximum x, y, z."""
     pairs: npt.NDArray[Any]
-    """Labels side by side, in rows of two, each pair in both orders, sorted."""
+    """Pairs of adjacent labels, a row each, in both orders, sorted."""
     edges: npt.NDArray[np.uint64]
-    """Edges of cells (faces, of octrees) that each pair has in common."""
+    """The number of cell edges (faces, in octrees) that each pair shares."""
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -271,7 +292,7 @@ class Commit:
 
     number: int
     time: datetime | None
-    """When it was made, in UTC."""
+    """When the commit was made, in UTC."""
     author: str
     message: str
     cells: int
@@ -279,7 +300,7 @@ class Commit:
     records: int
     """INNER nodes of its tree."""
     bytes: int
-    """Bytes that it took in the file."""
+    """The bytes that it added to the file."""
 
 
 @dataclass(frozen=True)
@@ -287,17 +308,17 @@ class Differences:
     """Totals of the differences between two trees."""
 
     added: int
-    """Cells that were VOID and are not any more."""
+    """Cells that were VOID and have a value now."""
     removed: int
     """Cells that have become VOID."""
     changed: int
-    """Cells whose value is another one."""
+    """Cells whose value has changed."""
     blocks: int
-    """Blocks in which the trees differ, uniform in both."""
+    """Differing blocks that are uniform in both trees."""
     runs: int
-    """Runs of cells in FD order in which they differ."""
+    """Ranges of differing cells in FD order."""
     ranges: npt.NDArray[np.uint64] | None = None
-    """The runs, if they were asked for: paths of the first and the last cell."""
+    """The ranges, if requested: paths of the first and the last cell."""
 
     def __bool__(self) -> bool:
         return self.blocks > 0
@@ -305,7 +326,7 @@ class Differences:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that is wrong with a file."""
+    """A defect of a file."""
 
     place: str
     problem: str
@@ -313,75 +334,77 @@ class Finding:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Measures of a tree that was made of others."""
+    """Measures of a tree that was derived from others."""
 
     shape: tuple[int, ...]
-    """Rows and columns; planes first in octrees."""
+    """Rows and columns; in octrees planes come first."""
     depth: int
     before: tuple[int, ...]
     """Cells of each input that are not VOID."""
     cells: int
     """Cells of the result that are not VOID."""
     conversions: tuple[str, ...] = ()
-    """What was converted so that inputs mean the same, a line for each."""
+    """Conversions of inputs, a line for each."""
 
 
 @dataclass(frozen=True)
 class Solid:
-    """Measures of a solid, in the units of its world."""
+    """Measures of a solid, in world units."""
 
     level: int
     cells: int
     """Cells of the level that are not empty."""
     volume: float
-    """NaN, as areas are, where the world is in degrees, since heights have another unit."""
+    """NaN, as areas are, if world coordinates are in degrees, since heights have another unit."""
     volume_cells: float
-    """Volume in cells of the level."""
+    """The volume in cells of the level."""
     centre: tuple[float, float, float] | None
-    """Centre of gravity; `None` if there is nothing."""
+    """Centre of gravity; `None` for an empty solid."""
     bounds: Box | None
     area: float | None
-    """Area of the smooth surface that the cells stand for, if it was asked for."""
+    """Area of the smooth surface between the cells, if requested."""
     block_area: float | None
-    """Area of the cells' faces, if it was asked for."""
+    """Area of the cells' faces, if requested."""
 
 
 class ObjectContact(NamedTuple):
     """Two objects that overlap or touch."""
 
     kind: Literal["touch", "overlap", "contains", "within", "equal"]
-    """The way: "contains" is of the second one in the first, "within" of the first one in the second."""
+    """The kind of contact: "contains" if the second is in the first, "within" if the first is in
+    the second.
+    """
     names: tuple[str, str]
     """Their names."""
     parts: tuple[int, int]
-    """Their numbers, the lesser one first."""
+    """Their numbers, the smaller one first."""
     volume: float
-    """Volume of what is inside of both; 0 where they touch."""
+    """The common volume; 0 if they touch."""
     area: float
-    """Area in which surfaces that touch lie on each other; 0 where something is inside of both."""
+    """The area in which touching surfaces coincide; 0 if there is a common volume."""
     place: tuple[float, float, float]
-    """A place that both have."""
+    """A common point."""
 
 
 class Mesh(NamedTuple):
     """A closed surface of triangles: `trimesh.Trimesh(*mesh)`."""
 
     vertices: npt.NDArray[np.float64]
-    """Coordinates in the world, a row each."""
+    """World coordinates, a row each."""
     faces: npt.NDArray[np.int64]
     """Vertices of the triangles, counterclockwise seen from outside."""
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """What rays hit, one per row of the arrays."""
+    """Hits of rays, one per row of the arrays."""
 
     distance: npt.NDArray[np.float64]
-    """Lengths of the direction; NaN where nothing is hit."""
+    """Distance in units of the direction's length; NaN without a hit."""
     points: npt.NDArray[np.float64]
-    """Coordinates in the world; NaN where nothing is hit."""
+    """World coordinates; NaN without a hit."""
     cells: npt.NDArray[np.int64]
-    """The cell x, y, z of the level; -1 where nothing is hit."""
+    """The cell x, y, z of the level; -1 without a hit."""
 
     @property
     def hit(self) -> npt.NDArray[np.bool_]:
@@ -391,87 +414,89 @@ class Hits:
 
 @dataclass(frozen=True)
 class BuiltModel:
-    """Counts of an exact model that was built."""
+    """Counts of a new exact model."""
 
     read: int
-    """Faces of the files."""
+    """Faces in the files."""
     faces: int
     """Faces of the model."""
     collapsed: int
     """Faces that are points or lines on the grid, and were left out."""
     slivers: int
-    """Faces without area on the grid, which stay and bound nothing."""
+    """Faces without area on the grid, which are kept and bound nothing."""
     cut: int
-    """Faces that the grid has bent, cut into triangles."""
+    """Faces that are not planar on the grid, cut into triangles."""
     fanned: int
-    """Faces that cross themselves, cut into triangles."""
+    """Faces that intersect themselves, cut into triangles."""
     closed_boundaries: int
     """Boundaries that were closed."""
     closing_triangles: int
-    """Triangles that close them."""
+    """Triangles that close boundaries."""
     repaired_faces: int
-    """Faces that were divided or taken away where the surface passed through itself."""
+    """Faces that were divided or removed because the surface intersected itself."""
     lost_faces: int
     """Those of them that bounded nothing."""
     skipped: list[tuple[str, str]]
-    """Objects that were left out because they are no bodies: names, and why."""
+    """Objects that were left out because they are not valid bodies: names and reasons."""
     turned_bodies: int
-    """Bodies that were inside out, and were turned with what is inside of them."""
+    """Inverted bodies that were flipped, together with their contents."""
     displacement: float
-    """The farthest that a corner was moved to the grid."""
+    """The maximum distance between a vertex and its grid point."""
     step: float
-    """Width of the grid's steps."""
+    """The width of a grid unit."""
     bits: int
-    """Bits of the grid's coordinates."""
+    """The bits of a grid coordinate."""
     nodes: dict[str, int]
     """Nodes of the octree by kind."""
 
 
 @dataclass(frozen=True)
 class CombinedModel:
-    """Counts of an exact model that was made of others."""
+    """Counts of an exact model that was combined from others."""
 
     before: list[int]
-    """Faces of each."""
+    """Faces of each input."""
     faces: int
     """Faces of the result."""
     pairs: int
-    """Pairs of faces that touch or pass through each other."""
+    """Pairs of faces that touch or intersect."""
     divided: int
-    """Faces that were divided, or of which a part was taken away."""
+    """Faces that were divided, or partly removed."""
     displacement: float
-    """The farthest that a new corner was moved to the grid."""
+    """The maximum distance between a new vertex and its grid point."""
     snapped: float
-    """The farthest that a corner of a model was moved to a common grid, where their grids have no unit in common; else 0."""
+    """The maximum distance by which a vertex was moved to a common grid, if the grids have no
+    common unit; else 0.
+    """
     is_unbounded: bool
-    """Whether what is far away belongs to the result."""
+    """Whether the result includes points at infinity."""
     defects: int
-    """Places where the surface passes through itself on the grid, being thinner than its step."""
+    """Self-intersections of the surface on the grid, where it is thinner than the grid unit."""
 
 
 @dataclass(frozen=True)
 class MovedModel:
-    """Counts of an exact model that was moved."""
+    """Counts of an exact model that was transformed."""
 
     before: int
     """Faces before."""
     faces: int
     """Faces of the result."""
     is_exact: bool
-    """Whether the body has the very shape that it had."""
+    """Whether the shape is preserved exactly."""
     displacement: float
-    """The farthest that a corner lies from where the steps take it."""
+    """The maximum distance between a vertex and its exactly transformed position."""
     cut: int
-    """Faces that were cut into triangles, as their corners lie in no plane on the grid."""
+    """Faces that were cut into triangles, since their vertices are not planar on the grid."""
     collapsed: int
     """Faces that were left out, being points or lines on the grid."""
     rounded: int
-    """Faces with corners beside the grid that are gone, for those on the grid that stood in for them."""
+    """Faces with off-grid vertices that are gone, since proxies on the grid replace them."""
 
 
 @dataclass(frozen=True)
 class CombinedPolygons:
-    """Counts of the polygons that were made of others."""
+    """Counts of the polygons of an overlay."""
 
     features: int
     """Features that were written."""
@@ -480,23 +505,24 @@ class CombinedPolygons:
     area: float
     """Their area, in square units of the coordinates."""
     shared: int
-    """Features that lie in several of one file, of which the last one gave the attributes."""
+    """Features within several features of one file, the last of which provided the attributes."""
     edges: int
-    """Edges of all polygons, those that several have counted once."""
+    """Edges of all polygons; shared edges are counted once."""
     crossings: int
-    """Places where edges cross in between their ends."""
+    """Crossings of edges between their ends."""
     repeated_corners: int
-    """Corners that repeated the one before."""
+    """Vertices that repeated the previous one."""
     cell: float
-    """Width of the cells of the grid on which all corners lie."""
+    """The width of the grid on which all vertices are."""
     area_bound: float
-    """Most by which areas may be off for that."""
+    """An upper bound of the resulting error of areas."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mass:
-    """Measures of an exact model: exact numbers for its grid, each rounded once (but for the area). Volume and area are NaN where the world is in degrees, since
-    heights have another unit."""
+    """Measures of an exact model: exact on its grid, each rounded once (except for the area).
+    Volume and area are NaN if world coordinates are in degrees, since heights have another unit.
+    """
 
     volume: float
     area: float
@@ -510,28 +536,28 @@ class Mass:
 
 @dataclass(frozen=True)
 class Euler:
-    """Numbers of the entities of a surface: V - E + F - R + B = 2 (S - G)."""
+    """Entity counts of a surface: V - E + F - R + B = 2 (S - G)."""
 
     vertices: int
     edges: int
     faces: int
     inner_rings: int
-    """Rings beside the first of each face."""
+    """The number of inner rings of faces."""
     shells: int
     boundaries: int
-    """0 of a closed surface."""
+    """The number of boundaries: 0 for a closed surface."""
     genus: int | None
-    """Handles of all shells; `None` if that is no number."""
+    """The handles of all shells; `None` if that is not an integer."""
 
 
 class Coverage(NamedTuple):
-    """The part of a cell that is inside."""
+    """The share of a cell that is inside."""
 
     share: float
-    """Of the cell, 0 to 1."""
+    """The share of the cell, 0 to 1."""
     volume: float
     centre: tuple[float, float, float] | None
-    """Centre of gravity; `None` if there is nothing."""
+    """Centre of gravity; `None` if nothing is inside."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -539,39 +565,40 @@ class Surface:
     """Points of a surface, one per row of the arrays."""
 
     distance: npt.NDArray[np.float64]
-    """From the points that were asked for; NaN for what is no number."""
+    """Distance from the query points; NaN for points with NaN."""
     points: npt.NDArray[np.float64]
     faces: npt.NDArray[np.int64]
-    """Numbers of the faces on which they lie; -1 where there is none."""
+    """Numbers of the points' faces; -1 if there is none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Faces:
-    """Planar faces with holes: a face has rings, the outer one first, and a ring has corners, counterclockwise seen from
-    outside (holes the other way round)."""
+    """Planar faces with holes: a face has rings, the outer one first, and a ring has vertices,
+    counterclockwise seen from outside (holes clockwise).
+    """
 
     vertices: npt.NDArray[np.float64]
-    """Coordinates in the world, a row each."""
+    """World coordinates, a row each."""
     corners: npt.NDArray[np.int64]
     """Vertices of all rings."""
     ring_ends: npt.NDArray[np.int64]
-    """Where each ring ends in `corners`."""
+    """The end of each ring in `corners`."""
     face_ends: npt.NDArray[np.int64]
-    """Where each face ends in `ring_ends`."""
+    """The end of each face in `ring_ends`."""
     numbers: npt.NDArray[np.int64]
     """Numbers of the faces in the model."""
     parts: npt.NDArray[np.int64]
-    """Numbers of the parts to which they belong."""
+    """Numbers of the faces' parts."""
     sources: npt.NDArray[np.int64]
-    """Numbers of the faces of the file from which the model was made."""
+    """Numbers of the faces in the file that the model was built from."""
     colours: npt.NDArray[np.uint8] | None
-    """Red, green, blue of each corner."""
+    """Red, green and blue of each corner."""
 
     def __len__(self) -> int:
         return len(self.numbers)
 
     def rings(self, index: int) -> list[npt.NDArray[np.float64]]:
-        """The rings of a face by its place in these arrays, as coordinates."""
+        """Returns the rings of a face, by its index in these arrays, as coordinates."""
         index = range(len(self))[index]
         first = self.face_ends[index - 1] if index else 0
         ends = self.ring_ends[first : self.face_ends[index]]
@@ -581,7 +608,7 @@ class Faces:
 
 @dataclass(frozen=True)
 class Section:
-    """Sums of the sections of a model by planes."""
+    """Totals of sections of a model by planes."""
 
     planes: int
     polygons: int
@@ -592,34 +619,34 @@ class Section:
 
 @dataclass(frozen=True)
 class SurfaceIntersection:
-    """Sums of what the surfaces of two models have in common."""
+    """Totals of the intersection of the surfaces of two models."""
 
     crossings: int
-    """Lines where they pass through each other."""
+    """Lines where they cross."""
     crossing_length: float
     touches: int
     """Lines where they touch."""
     touch_length: float
     overlaps: int
-    """Areas in which they lie on each other."""
+    """Areas in which they coincide."""
     overlap_area: float
     points: int
-    """Lone points."""
+    """Isolated points."""
 
 
 class LevelCounts(NamedTuple):
     """Nodes of a level of a tree."""
 
     void: int
-    """Nodes without anything below them."""
+    """Nodes without data."""
     leaf: int
-    """Nodes with one value all over."""
+    """Nodes with one value throughout."""
     inner: int
-    """Nodes with more detail below them."""
+    """Nodes with children."""
 
 
 def commit_of(facts: dict[str, Any]) -> Commit:
-    """The commit that the native part describes."""
+    """Converts a commit of the native module."""
     time = facts["time"]
     try:
         moment = None if time is None else datetime.fromtimestamp(time, timezone.utc)
@@ -631,7 +658,7 @@ def commit_of(facts: dict[str, Any]) -> Commit:
 
 
 def outcome_of(facts: dict[str, Any]) -> Outcome:
-    """The outcome that the native part describes."""
+    """Converts an outcome of the native module."""
     columns, rows, planes = facts["extent"]
     shape = (rows, columns) if planes == 1 else (planes, rows, columns)
     return Outcome(shape, facts["depth"], tuple(facts["before"]), facts["after"], tuple(facts["conversions"]))

@@ -1,4 +1,4 @@
-"""What writes trees as files of other programs, and pictures and meshes of them."""
+"""Exports of trees to other formats, and renderings and meshes of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ._types import Coordinates, Mesh, Path, Progress, Resampling, Style, Window
 
 
 class Writers(Properties):
-    """The part of a dataset that writes it."""
+    """Export methods of a dataset."""
 
     def save(
         self,
@@ -39,16 +39,20 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Writes a part as a picture or array file (.png, .webp, .tif, .exr, .npy, .raw, of octrees .nrrd), as `spinney get` does.
+        """Writes a region as an image or array file (.png, .webp, .tif, .exr, .npy, .raw, in
+        octrees .nrrd), as `spinney get` does.
 
-        `shape` are rows and columns of the result, `range` the numbers that become black and white in pictures, `style` a style's
-        name ("viridis", "terrain", "hillshade", "relief" ...), its document as a dictionary or JSON, or a file with it.
+        `shape` is the rows and columns of the result, `range` the numbers that become black and
+        white in images, `style` a style's name ("viridis", "terrain", "hillshade", "relief" ...),
+        its document as a dictionary or JSON, or a file with it.
         """
         with working(progress, threads) as terms:
             self._write_window(path_of(path), window, coordinates, level, shape, exact, nodata, range, _style_text(style), terms)
 
     def mesh(self, level: int | None = None, *, smooth: bool = False, threads: int | None = None, progress: Progress = None) -> Mesh:
-        """The surface of an octree as triangles: the faces of cells, or with `smooth` the surface between them."""
+        """Returns the surface of an octree as triangles: the faces of cells, or with `smooth` the
+        surface between them.
+        """
         with working(progress, threads) as terms:
             return Mesh(*self._surface_arrays(level, smooth, terms))
 
@@ -89,31 +93,37 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> tuple[int, int] | int | None:
-        """Writes a file of other programs, as `spinney export` does; its name says which.
+        """Writes a file in another format, as `spinney export` does. The format is that of the
+        name.
 
-        - .ply, .obj, .stl, .off: the surface of an octree, at a `level`, `smooth` or of its cells, as `triangles` only if wanted;
-          returns the numbers of vertices and faces.
-        - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles, with `meshopt` compressed (EXT_meshopt_compression); returns
-          the number of triangles.
-        - .tif: a cloud-optimized GeoTIFF of a picture (`tile_size`, `compression`, `nodata`).
-        - with `polygons` regions of a map of classes, of .gpkg, .fgb, .geojson, .shp, .csv or .svg: cells of one class with common edges (`connect=8`: or
-          corners), with class, cells, area, name and colour; of some `classes` alone, at a `level`, with borders moved by no more than `simplify`;
-          returns their number.
-        - .chain: the same regions as Freeman chain codes, of 4 `directions` (the default), along the sides of cells, or 8, from cell to cell; returns the
-          number of regions.
-        - .html: a page that shows the file in a browser, in a `style` and with a `name`, beside a folder of its own files and a copy of the data, or
-          with `self_contained` as one file; returns the number of files.
-        - .pmtiles, .mbtiles and patterns such as "map/{z}/{x}/{y}.png": tiles of web maps, of some zooms
-          (`zoom=(0, 6)`), a part, in a `style` (see `save`); returns their number. An interrupted export leaves nothing or, with
-          `resume`, what the next one goes on with. With `update` tiles that were exported from an older commit of the file are brought up
-          to date, `ds.export("map.pmtiles", update=True)`: only what edits have touched is drawn. `update="old.pmtiles"` copies the rest
-          from another archive; `since` is the file that the tiles were made of, if it is no commit of the same file. Colours keep the
-          numbers that percentiles were then, unless `restyle` draws all tiles anew. Several processes draw the tiles of one export where each writes
-          a `part` to an archive, `(3, 64)` being the one with number 3 of 64, from 0; of the archives of all `parts` the tiles are put together, to the
-          bytes of an export in one go (`spinney.dask.export_tiles` does both).
+        - .ply, .obj, .stl, .off: the surface of an octree, at a `level`, `smooth` or of its cells,
+          on request only as `triangles`; returns the numbers of vertices and faces.
+        - .glb and x/tileset.json: the same for viewers, as binary glTF and 3D Tiles, with `meshopt`
+          compressed (EXT_meshopt_compression); returns the number of triangles.
+        - .tif: a cloud-optimized GeoTIFF of a raster (`tile_size`, `compression`, `nodata`).
+        - with `polygons` regions of a map of classes, as .gpkg, .fgb, .geojson, .shp, .csv or .svg:
+          connected cells of one class with common edges (`connect=8`: or corners), with class,
+          cells, area, name and colour; only of some `classes`, at a `level`, with borders moved by
+          no more than `simplify`; returns their number.
+        - .chain: the same regions as Freeman chain codes, of 4 `directions` (the default), along
+          the sides of cells, or 8, from cell to cell; returns the number of regions.
+        - .html: a page that shows the file in a browser, in a `style` and with a `name`. Its own
+          files are in a directory next to it, with a copy of the data; with `self_contained` it is
+          one file. Returns the number of files.
+        - .pmtiles, .mbtiles and patterns such as "map/{z}/{x}/{y}.png": web map tiles, of some
+          zooms (`zoom=(0, 6)`), of a region, in a `style` (see `save`); returns their number. A
+          cancelled export leaves no partial output or, with `resume`, what the next one continues
+          from. `update` redraws only those tiles of an older commit's export that edits have
+          touched: `ds.export("map.pmtiles", update=True)`. `update="old.pmtiles"` copies the rest
+          from another archive; `since` is the file that the tiles were made from, if it is not a
+          commit of the same file. Colours keep the percentile values of that export, unless
+          `restyle` redraws all tiles. Several processes can share one export: each writes a `part`
+          to an archive, `(3, 64)` being number 3 of 64, from 0. The archives of all `parts` are
+          then merged into the tiles, with the bytes of an export in a single process
+          (`spinney.dask.export_tiles` does both).
 
-        What the format has no room for, such as colours, values, the coordinate system or the unit of length, is told in a warning.
-        Options of other formats than that of the name are a TypeError.
+        A warning lists what the format cannot store, such as colours, values, the coordinate system
+        or the unit of length. Options of other formats than that of the name raise TypeError.
         """
         to = path_of(path)
         of_tiles = {
@@ -178,16 +188,18 @@ class Writers(Properties):
             return self._write_mesh(to, level, smooth, triangles, terms)
 
     def show(self, *, style: Style | None = None, height: int = 500) -> Any:
-        """The file in a notebook: the page that `export` writes, whose bytes the kernel reads (with the package anywidget).
+        """Displays the file in a notebook: the page that `export` writes. The kernel reads the file
+        for it (with the package anywidget).
 
-        A polygon that is drawn comes back: `page.polygon` is GeoJSON in coordinates of `page.crs`, `page.statistics` what the page tells of it;
-        `ds.zonal([page.polygon], crs=page.crs, edge="area")` tells the same.
+        A polygon drawn on the page is available in Python: `page.polygon` is GeoJSON in coordinates
+        of `page.crs`, `page.statistics` are the statistics on the page; `ds.zonal([page.polygon],
+        crs=page.crs, edge="area")` returns the same.
         """
         path, start = self._page_start(style)
         return shown(path, start, height)
 
     def _page_start(self, style: Style | None) -> tuple[str, dict[str, Any]]:
-        """The file, and what a page begins with."""
+        """Returns the file, and the initial state of a page."""
         if self.view:
             raise ValueError("a page shows a file as it is: write this view to a file first, with transform")
         start = {"layer": self.layer or None, "commit": self.commit, "style": _style_text(style)}
@@ -210,13 +222,15 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> int:
-        """Writes contours of the first band as features (.geojson, .csv, .svg, .gpkg, .fgb, .shp, .obj, .ply), of octrees
-        surfaces of equal values as a mesh (.ply, .obj, .stl, .off); returns how many lines, polygons or triangles there are.
+        """Writes contours of the first band as features (.geojson, .csv, .svg, .gpkg, .fgb, .shp,
+        .obj, .ply), in octrees isosurfaces as a mesh (.ply, .obj, .stl, .off); returns the number
+        of lines, polygons or triangles.
 
-        Values are those `at` which lines are wanted, or `every` so many, counted from `base`. With `filled` there are the areas
-        between them. Lines `ends` where VOID is near (`"open"`), `"extend"` to the edge of the last cells or `"close"` along it;
-        `smooth` is how often their corners are cut; with `has_z` points have the value as their third coordinate. An output that would
-        have more than `max_bytes` is an OSError, and leaves nothing behind.
+        Contours are at the values `at`, or at an interval of `every`, counted from `base`. With
+        `filled` they are the areas between these values. Lines `ends` at VOID (`"open"`),
+        `"extend"` to the edge of the last cells or `"close"` along it. `smooth` is the number of
+        rounds of corner cutting; with `has_z` points have the value as their third coordinate. An
+        output larger than `max_bytes` raises OSError, and leaves no partial output.
         """
         options = {
             "at": None if at is None else [float(value) for value in np.atleast_1d(np.asarray(at, dtype=float))],
@@ -241,9 +255,9 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Writes the legend of a style, what its colours mean, as a picture (.png, .svg) or for programs (.json), as `spinney legend`
-        does: `ds.legend("legend.png", "terrain")`. Without a `style` (see `save`) it is that of the tree's own colours. `scale` enlarges a
-        .png, 1 to 8 times.
+        """Writes the legend of a style, the meaning of its colours, as an image (.png, .svg) or for
+        programs (.json), as `spinney legend` does: `ds.legend("legend.png", "terrain")`. The
+        default `style` (see `save`) is the tree's own. `scale` enlarges a .png, 1 to 8 times.
         """
         if not 1 <= index(scale) <= 8:
             raise ValueError(f"scale: {scale}, expected 1 to 8")
@@ -266,10 +280,12 @@ class Writers(Properties):
         threads: int | None = None,
         progress: Progress = None,
     ) -> npt.NDArray[np.uint8] | None:
-        """A shaded picture of an octree's solid: an array of rows, columns and colours, or a file if `path` is given.
+        """Renders an octree's solid as a shaded image: an array of rows, columns and colours, or a
+        file if `path` is given.
 
-        `size` are columns and rows; the viewer stands at `azimuth` on the compass (0 is north, along y), `elevation`
-        degrees above the horizon. Without a background the picture has opacity as a fourth channel.
+        `size` is columns and rows; the viewer is at compass direction `azimuth` (0 is north, along
+        y), `elevation` degrees above the horizon. Without a background the image has opacity as a
+        fourth channel.
         """
         with working(progress, threads) as terms, tempfile.TemporaryDirectory(prefix="spinney-") as folder:
             to = os.path.join(folder, "picture.npy") if path is None else path_of(path)
@@ -284,7 +300,7 @@ class Writers(Properties):
 
 
 def _style_text(style: Style | None) -> str | None:
-    """A style as the program has it."""
+    """Returns a style as the program accepts it."""
     if style is None or isinstance(style, str):
         return style
     return json.dumps(dict(style)) if isinstance(style, Mapping) else path_of(style)

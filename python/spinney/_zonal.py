@@ -1,4 +1,4 @@
-"""Zonal statistics: polygons that other packages have, and answers by name."""
+"""Zonal statistics: polygons from other packages, and measures by name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MEASURES: dict[str, Callable[[ZoneStatistics, ZoneBand], Any]] = {
     "median": lambda zone, band: _of(band).median,
     "classes": lambda zone, band: zone.classes,
 }
-"""What can be asked for by name: of a polygon, and of its first band."""
+"""Measures by name, from a polygon and its first band."""
 
 NAN = float("nan")
 NOTHING = ZoneBand(0, NAN, NAN, NAN, NAN)
@@ -40,9 +40,10 @@ def _of(band: ZoneBand) -> ZoneValues:
 
 
 def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str | None, bool]]:
-    """Documents of whatever has geometries, one or several polygons each, their coordinate systems, and whether they are files.
+    """Returns documents of geometries, with one or several polygons each, their coordinate systems,
+    and whether they are files.
 
-    `world` is the system of the tree; nothing is what the document says.
+    `world` is the system of the tree; `None` is that of the document.
     """
     if is_path(geometries):
         return [(path_of(geometries), crs, True)]
@@ -53,10 +54,11 @@ def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str
     if isinstance(document, Mapping):
         if crs is None and ("crs" not in document) and not str(document.get("type", "")).startswith("Feature"):
             crs = "world"
-        # (A frame of geometries without a system is a collection of features, but no document of degrees.)
+        # (A GeoDataFrame without a coordinate system is a feature collection, but not one in
+        # degrees.)
         if crs is None and document is not geometries:
             crs = "world"
-        # (shapely and others have tuples where GeoJSON has arrays, which JSON does not tell apart.)
+        # (shapely and others have tuples where GeoJSON has arrays; JSON does not distinguish them.)
         return [(json.dumps(document, default=str), crs, False)]
     if isinstance(document, bytes) or not isinstance(document, Iterable):
         kind = type(geometries).__name__
@@ -65,7 +67,7 @@ def documents_of(geometries: Any, crs: str | None = None) -> list[tuple[str, str
 
 
 def values_of(where: Mapping[str, Any] | None) -> list[tuple[str, str]]:
-    """Values of attributes as text; nothing for `None`."""
+    """Returns values of attributes as strings; nothing for `None`."""
 
     def text(value: Any) -> str:
         if isinstance(value, bool):
@@ -76,14 +78,18 @@ def values_of(where: Mapping[str, Any] | None) -> list[tuple[str, str]]:
 
 
 def definition_of(crs: Any) -> str:
-    """The definition of a coordinate system of pyproj, or one that is text or a number of the EPSG registry already."""
+    """Returns the definition of a coordinate system: of a pyproj object, a string, or an EPSG
+    number.
+    """
     if isinstance(crs, int):
         return f"EPSG:{crs}"
     return str(crs.to_wkt()) if hasattr(crs, "to_wkt") else str(crs)
 
 
 def measures_of(measures: str | Iterable[str] | None, quantiles: float | Sequence[float]) -> tuple[list[str], list[float]]:
-    """Names of measures and quantiles, if they are such; several names in a string have blanks or commas between them."""
+    """Checks names of measures, and quantiles; several names in a string are separated by blanks or
+    commas.
+    """
     names = re.findall(r"[^\s,]+", measures) if isinstance(measures, str) else [str(name) for name in measures or ()]
     if unknown := [name for name in names if name not in MEASURES]:
         raise ValueError(f"measures: {', '.join(unknown)}, expected names among {', '.join(MEASURES)}")
@@ -91,12 +97,12 @@ def measures_of(measures: str | Iterable[str] | None, quantiles: float | Sequenc
 
 
 def column_of(quantile: float) -> str:
-    """The name of a quantile: `q2.5` is that of 0.025."""
+    """Returns the name of a quantile: `q2.5` is that of 0.025."""
     return f"q{round(quantile * 100, 6):g}"
 
 
 def named(zones: Sequence[ZoneStatistics], measures: Sequence[str], quantiles: Sequence[float]) -> list[dict[str, Any]]:
-    """The measures of these names, and quantiles, of each zone."""
+    """Returns the named measures, and quantiles, of each zone."""
 
     def told(zone: ZoneStatistics) -> dict[str, Any]:
         band = zone.bands[0] if zone.bands else NOTHING
@@ -107,7 +113,7 @@ def named(zones: Sequence[ZoneStatistics], measures: Sequence[str], quantiles: S
 
 
 def zone_of(told: Any, quantiles: Sequence[float]) -> ZoneStatistics:
-    """The statistics of a zone, as they come of the native part."""
+    """Converts the statistics of a zone from the native module."""
     (cells, void, outside), bands, classes = told
 
     def band_of(cells: float, low: float, high: float, mean: float, std: float, total: float, values: Any) -> ZoneBand:
@@ -120,20 +126,22 @@ def zone_of(told: Any, quantiles: Sequence[float]) -> ZoneStatistics:
 
 
 def usual_of(zones: Sequence[ZoneStatistics]) -> list[str]:
-    """What a table has if nothing is asked for."""
+    """Returns the default measures of a table."""
     if any(zone.classes for zone in zones):
         return ["count", "void", "classes"]
     return ["count", "void", "sum", "min", "max", "mean", "std"]
 
 
 def is_frame(geometries: Any) -> bool:
-    """Whether something is a frame of geometries, with a table's index."""
+    """Returns whether an object is a data frame of geometries, with a table's index."""
     return hasattr(geometries, "__geo_interface__") and hasattr(geometries, "index") and hasattr(geometries, "iloc")
 
 
 def table_of(frame: Any, zones: Sequence[Any], names: Sequence[str], quantiles: Sequence[float]) -> Any:
-    """A pandas DataFrame of zones, or of measures if there are names of these, with the index of a frame and a column for each measure and quantile;
-    cells of classes have columns of their own. A frame without rows has the columns, but none of classes."""
+    """Returns a pandas DataFrame of zones, or of measures if there are names of these, with the
+    index of a frame and a column for each measure and quantile; the cells of each class have their
+    own column. A frame without rows has the columns, but none of classes.
+    """
     import pandas  # type: ignore[import-untyped]
 
     measures = list(names) or usual_of(zones)

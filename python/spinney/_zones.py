@@ -1,4 +1,4 @@
-"""Questions about the cells in polygons."""
+"""Queries for the cells in polygons."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from ._zonal import definition_of, documents_of, is_frame, measures_of, named, t
 
 
 class Zones(Writers):
-    """The part of a dataset that answers for polygons."""
+    """Zonal queries of a dataset."""
 
-    #: Whether polygons that all lie outside are an error. (They may be some of many, on a cluster.)
+    #: Whether it is an error if all polygons are outside. (On a cluster, they may be a subset of
+    #: many.)
     _outside_is_error = True
 
     @overload
@@ -127,36 +128,46 @@ class Zones(Writers):
         threads: int | None = None,
         progress: Progress = None,
     ) -> Any:
-        """Statistics of the cells in each of many polygons, of which the tree is read only where an edge cuts it.
+        """Returns statistics of the cells in each of many polygons. The tree is read only along the
+        polygons' edges.
 
-        Geometries are polygons (with holes, or of several parts): anything with a `__geo_interface__` (of shapely, a
-        GeoDataFrame, ...), GeoJSON as dictionaries, the path of a file of features (GeoJSON, GeoPackage, also `x.gpkg:LAYER`,
-        FlatGeobuf, shapefile, CSV), or a list of such. They are brought to the tree's coordinate system
-        from that which they have themselves (a GeoDataFrame's `crs`, a file's own; features of GeoJSON are in degrees unless a
-        member `crs` says otherwise; geometries alone are in the tree's own), or from `crs`, if given: "EPSG:4326", WKT, a system
-        of pyproj, or "world" for the tree's own. Polygons that all lie outside of the tree are an error. At edges,
-        cells count whole if their `"centre"` is inside or if they `"touch"` the polygon, or by the part of their `"area"` that is
-        inside, exactly. `where` takes only the features that have these values of attributes: `{"kind": "lake", "lod": 2}`,
-        or for which all of this holds: `"kind!=lake,lod>=2"`. The features of a file must fit into `memory`; values of which that has no
-        room for all go to temporary files.
+        Geometries are polygons (also with holes and several outer rings): anything with a
+        `__geo_interface__` (of shapely, a GeoDataFrame, ...), GeoJSON as dictionaries, the path of
+        a feature file (GeoJSON, GeoPackage, also `x.gpkg:LAYER`, FlatGeobuf, shapefile, CSV), or a
+        list of such. They are transformed to the tree's coordinate system from their own (a
+        GeoDataFrame's `crs`, a file's own; features of GeoJSON are in degrees unless a member `crs`
+        says otherwise; bare geometries are in the tree's own), or from `crs`, if given:
+        "EPSG:4326", WKT, a pyproj object, or "world" for the tree's own. If all polygons lie
+        outside of the tree, that is an error. Cells at edges count fully if their `"centre"` is
+        inside or if they `"touch"` the polygon, or by the exact share of their `"area"` that is
+        inside. `where` selects features by attribute values: `{"kind": "lake", "lod": 2}`, or by
+        conditions that must all hold: `"kind!=lake,lod>=2"`. The features of a file must fit into
+        `memory`; values that do not fit into it go to temporary files.
 
-        With the names of some `measures` (one, a list, or several in a string, `"min mean"`; "count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
-        "minority", "variety", "median", "classes") there is a dictionary of these for each polygon, of the first band, and of `quantiles`, from 0 to 1,
-        by names such as "q10" for 0.1. Quantiles are those of `numpy.quantile`, with shares of cells as weights.
-        "majority", "minority", "variety", "median" and quantiles are of all values of a polygon, which are read unless the file counts
-        classes; without names they are in `ZoneBand.values` if there are `quantiles`.
+        With the names of some `measures` (one, a list, or several in a string, `"min mean"`;
+        "count", "void", "void_share", "outside", "sum", "min", "max", "mean", "std", "majority",
+        "minority", "variety", "median", "classes") the result is a dictionary of these for each
+        polygon, of the first band, and of `quantiles`, from 0 to 1, by names such as "q10" for 0.1.
+        Quantiles are those of `numpy.quantile`, weighted by the cells' shares. "majority",
+        "minority", "variety", "median" and quantiles need all values of a polygon, which are read
+        unless the file counts classes; without names they are in `ZoneBand.values` if there are
+        `quantiles`.
 
-        Of a GeoDataFrame, or another frame with a `__geo_interface__`, there is a pandas DataFrame with its index: a column for each
-        measure and quantile, and of classes one for the cells of each. Without names it has count, void, sum, min, max, mean and std,
-        of files that count classes count, void and classes.
+        For a GeoDataFrame, or another frame with a `__geo_interface__`, the result is a pandas
+        DataFrame with its index: a column for each measure and quantile, and for the cells of each
+        class. The default columns are count, void, sum, min, max, mean and std, or count, void and
+        classes for files that count classes.
 
-        With names of `layers` (`ds.names` are all) there is a list (or a table) for each of them, by its name; `ds[name].time` tells when it is of. The
-        polygons' cells are found once, so that a hundred layers take little more than their cells.
+        With names of `layers` (`ds.names` lists all) the result is a mapping of each name to its
+        list (or table); `ds[name].time` is a layer's acquisition time. The polygons' cells are
+        found once, so that a hundred layers cost little more than reading their cells.
 
-        With `out`, a file by its name's ending (.gpkg, .fgb, .geojson, .csv, .shp, .svg), the features are written there, as they came, with their ids
-        and attributes (or those that `attribute` names alone), joined with the answers of all bands, as `spinney stats --zones -o` does; returns how many
-        there are. Features of a file may be any number then, as many at a time as fit into `memory`, and features that are no polygons are
-        kept, without cells. What the format has no room for is told in a warning.
+        With `out`, a file by its name's ending (.gpkg, .fgb, .geojson, .csv, .shp, .svg), the
+        features are written there unchanged, with their ids and attributes (or only those in
+        `attribute`), joined with the results of all bands, as by `spinney stats --zones -o`;
+        returns the number of features. A file can then have any number of features, which are read
+        in batches that fit into `memory`, and features that are not polygons are kept, without
+        cells. A warning lists what the format cannot store.
         """
         if isinstance(layers, str):
             raise TypeError("layers: expected a list of names, such as ds.names")
@@ -192,7 +203,7 @@ class Zones(Writers):
         written: tuple[Path, str | Sequence[str] | None],
         terms: tuple[Progress, int | None],
     ) -> int:
-        """Writes features with their answers."""
+        """Writes features with their statistics."""
         (out, attribute), (progress, threads) = written, terms
         coordinates = None if crs is None else definition_of(crs)
         chosen = where if isinstance(where, str) else values_of(where)

@@ -1,4 +1,4 @@
-"""Work of many machines, by a cluster of Dask (with the package distributed).
+"""Distributed builds, exports and statistics on a Dask cluster (with the package distributed).
 
 ::
 
@@ -13,8 +13,9 @@
     spinney.dask.export_tiles("country.goblin", "country.pmtiles", zoom=(0, 14))
     spinney.dask.zonal("country.goblin", "districts.geojson", ["sum", "classes"])
 
-Workers see inputs and outputs by the same paths, or URLs. The results are those of one machine, bytes and all. Each piece of work is a task of its own in the
-dashboard; those whose worker dies or fails are done again, and nothing else.
+Workers must see inputs and outputs at the same paths, or URLs. The results are byte-identical to
+those of one machine. Each unit of work is one task in the dashboard; if its worker dies or it
+fails, only that task is repeated.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from ._zonal import definition_of, is_frame, measures_of, table_of
 
 __all__ = ["build", "combine", "export_tiles", "transform", "zonal"]
 
-#: Pieces of work for each thread of the cluster, if nothing is said: so many that none has much more to do than others.
+#: Default number of tasks per thread of the cluster, which balances their load.
 _PIECES_A_THREAD = 4
 
 
@@ -59,16 +60,20 @@ def build(
     progress: Progress = None,
     **options: Any,
 ) -> None:
-    """Makes a tree of pictures or of arrays, as `spinney.build` makes it, by shards on a cluster.
+    """Builds a tree from rasters or arrays, as `spinney.build` does, by shards on a cluster.
 
-    Sources are paths, or a pattern such as "tiles/*.tif", with the options of `spinney.shards.plan`; or arrays of Dask, DataArrays and Datasets of xarray,
-    zarr and others, with those of `spinney.build` for arrays. Chunks of Dask are computed by the worker whose shard they are of, or, of what is
-    persisted on the cluster, fetched from where they are; one that several shards have to do with is computed by each of them.
+    Sources are paths, or a pattern such as "tiles/*.tif", with the options of
+    `spinney.shards.plan`; or arrays of Dask, DataArrays and Datasets of xarray, zarr and others,
+    with those of `spinney.build` for arrays. The worker that builds a shard computes its Dask
+    chunks, or fetches them if they are persisted on the cluster. A chunk that several shards need
+    is computed by each of them.
 
-    The cluster is that of `client`, or of the current client. The job is a folder that all workers see, or a place in a bucket, if none
-    is given one beside the output; it is planned here, and removed when the output is there. If it is there already, because an
-    earlier run was cut off, only what is missing is built. A shard is built by one thread, with `memory`; one that fails is tried
-    `retries` times more, one whose worker has died always. `progress` counts shards.
+    The cluster is that of `client`, or of the current client. The job is a directory that all
+    workers see, or a URL in a bucket; by default it is next to the output. It is planned by the
+    calling process, and removed when the output is complete. If it exists already, because an
+    earlier run was cancelled, only missing shards are built. A shard is built by one thread, with
+    `memory`; a failed one is retried `retries` times, one whose worker has died always. `progress`
+    counts shards.
     """
     run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
     if is_path(sources) or paths_of(sources) is not None:
@@ -85,7 +90,7 @@ def build(
         return _shards.Job(run.folder)
 
     is_persisted = bool(_distributed().client.futures_of([chunks.array for chunks in chunks_of(given)]))
-    # (A result of a task, and not data of the client, so that it comes again where a worker is lost.)
+    # (The result of a task, not client data, so that it is recomputed if a worker is lost.)
     held = run.cluster.submit(_held, _distributed().protocol.pickle.dumps(given), key=f"spinney-arrays-{run.name}", pure=False)
     run.build(plan, lambda number, **terms: run.cluster.submit(_build_given, number, held, run.folder, token, is_persisted, **terms))
 
@@ -104,7 +109,9 @@ def transform(
     progress: Progress = None,
     **options: Any,
 ) -> None:
-    """Makes a tree of another, as `spinney.transform` makes it, by shards on a cluster: see `build`. `options` are those of `spinney.shards.plan_transform`."""
+    """Builds a tree from another one, as `spinney.transform` does, by shards on a cluster: see
+    `build`. `options` are those of `spinney.shards.plan_transform`.
+    """
     run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
     run.build(lambda count: _shards.plan_transform(path, steps, run.folder, shards=count, **options))
 
@@ -123,13 +130,15 @@ def combine(
     progress: Progress = None,
     **options: Any,
 ) -> None:
-    """Makes one tree of several, as `spinney.combine` makes it, by shards on a cluster: see `build`. `options` are those of `spinney.shards.plan_combine`."""
+    """Combines trees into one, as `spinney.combine` does, by shards on a cluster: see `build`.
+    `options` are those of `spinney.shards.plan_combine`.
+    """
     run = _Run(client, out, job, shards, retries, memory, max_bytes, progress)
     run.build(lambda count: _shards.plan_combine(operation, paths, run.folder, shards=count, **options))
 
 
 class _Run:
-    """A job that a cluster does, with the arguments that all kinds of jobs have."""
+    """A job on a cluster, with the arguments that all kinds of jobs have."""
 
     def __init__(
         self,
@@ -146,20 +155,21 @@ class _Run:
         self.out = kept_name(out, None)
         self.folder = kept_name(job if job is not None else f"{path_of(out)}.job", None)
         self.shards, self.retries, self.memory, self.max_bytes, self.progress = shards, retries, memory, max_bytes, progress
-        #: Names of tasks are for the dashboard; another job of the same folder has other ones.
+        #: The prefix of task names in the dashboard, unique to this run of the job.
         self.name = os.urandom(8).hex()
 
     def build(self, plan: Callable[[int], _shards.Job], submit: Callable[..., Any] | None = None) -> None:
-        """Plans the job, of so many shards, builds what is missing of it, and puts it together."""
+        """Plans the job with its shards, builds the missing ones, and merges them."""
         threads = max(1, sum(self.cluster.nthreads().values()))
-        # (A job that goes on has its shards, however large the cluster was that began it.)
+        # (A resumed job keeps its shards, however large the cluster was that planned it.)
         planned = plan(self.shards or (_shards.Job(self.folder).shards if _native.is_job(self.folder) else _PIECES_A_THREAD * threads))
         of_files = submit or (lambda number, **terms: self.cluster.submit(_build, number, self.folder, self.memory, **terms))
 
         def start(number: int) -> Any:
             return of_files(number, key=f"spinney-shard-{self.name}-{number}", pure=False, retries=self.retries)
 
-        # Whoever waits for chunks of the cluster leaves his thread to others: without an end all shards would be begun.
+        # A task that waits for the cluster's chunks releases its thread to other tasks: without a
+        # limit all shards would start.
         _wait(self.cluster, start, planned.missing(), self.progress, None if submit is None else threads)
         merge = (self.folder, self.out, self.memory, self.max_bytes)
         terms = {"key": f"spinney-merge-{self.name}", "pure": False, "retries": self.retries}
@@ -194,7 +204,7 @@ def _build_given(number: int, held: bytes, folder: str, token: str, is_persisted
 
 
 def _merge(folder: str, out: str, memory: int | str, max_bytes: int | str | None) -> None:
-    # (A bucket takes a file as a whole.)
+    # (A bucket only accepts a complete file.)
     _shards.Job(folder).merge(out, remove_shards="://" not in out, memory=memory, max_bytes=max_bytes, threads=1)
 
 
@@ -209,11 +219,14 @@ def export_tiles(
     progress: Progress = None,
     **options: Any,
 ) -> int:
-    """Writes tiles of web maps, as `Dataset.export` writes them, some of them on each thread of a cluster; returns their number.
+    """Writes web map tiles, as `Dataset.export` does, distributed over the threads of a cluster;
+    returns their number.
 
-    `out` is an archive (.pmtiles, .mbtiles) or a pattern of names ("map/{z}/{x}/{y}.png"), `options` are those of `Dataset.export` for tiles. There are `parts`,
-    four for each thread if nothing is said, each of which is an archive in the folder of the job, which all workers see, beside the output if none is given. Parts that are there,
-    because an earlier run was cut off, stay as they are; the folder is removed when the output is there.
+    `out` is an archive (.pmtiles, .mbtiles) or a pattern of names ("map/{z}/{x}/{y}.png"),
+    `options` are those of `Dataset.export` for tiles. There are `parts`, by default four per
+    thread, each of which is an archive in the job's directory. All workers must see it; by default
+    it is next to the output. Archives that exist already, because an earlier run was cancelled, are
+    kept; the directory is removed when the output is complete.
     """
     cluster = _client(client)
     if refused := sorted(options.keys() & {"part", "parts", "update", "since", "restyle", "resume", "threads"}):
@@ -223,7 +236,7 @@ def export_tiles(
     if "://" in folder:
         raise ValueError(f"job: {folder}: is elsewhere; name a folder of this machine that all workers see")
     os.makedirs(folder, exist_ok=True)
-    # (A job that goes on has its parts.)
+    # (A resumed job keeps its number of archives.)
     count = _parts_there(folder) or parts or _PIECES_A_THREAD * max(1, sum(cluster.nthreads().values()))
     names = [os.path.join(folder, f"{number:04}-{count:04}.pmtiles") for number in range(count)]
     missing = [number for number, name in enumerate(names) if not os.path.exists(name)]
@@ -250,7 +263,7 @@ def _export(source: str, target: str, options: dict[str, Any]) -> int:
 
 
 def _parts_there(folder: str) -> int:
-    """How many parts an earlier run has had."""
+    """Returns the number of archives of an earlier run."""
     found = {int(name[5:9]) for name in os.listdir(folder) if re.fullmatch(r"[0-9]{4}-[0-9]{4}\.pmtiles", name)}
     return found.pop() if len(found) == 1 else 0
 
@@ -266,11 +279,14 @@ def zonal(
     progress: Progress = None,
     **options: Any,
 ) -> Any:
-    """Statistics of polygons, as `Dataset.zonal` returns them, some of the polygons on each thread of a cluster.
+    """Returns statistics of polygons, as `Dataset.zonal` does, with the polygons distributed over
+    the threads of a cluster.
 
-    Geometries are a GeoDataFrame or GeoSeries, of which there is a table with its index; a list of polygons (of shapely, GeoJSON, ...); or a collection of features: GeoJSON as
-    a dictionary, the path of such a file, or what has one as its `__geo_interface__`. `measures` and `options` are those of `Dataset.zonal`, but for `out`. There
-    are `parts`, four for each thread by default.
+    Geometries are a GeoDataFrame or GeoSeries, for which the result is a table with its index; a
+    list of polygons (of shapely, GeoJSON, ...); or a feature collection: GeoJSON as a dictionary,
+    the path of such a file, or an object that has one as its `__geo_interface__`. `measures` and
+    `options` are those of `Dataset.zonal`, except for `out`. There are `parts` tasks, by default
+    four per thread.
     """
     if refused := sorted(options.keys() & {"out", "attribute", "threads"}):
         raise TypeError(f"{', '.join(refused)}: not for statistics by a cluster; write what it returns, or use Dataset.zonal")
@@ -322,13 +338,14 @@ def _zonal(fragment: Any, request: tuple[str, list[str] | None, dict[str, Any]])
         try:
             return zonal_of(fragment, measures, threads=1, **options), None
         except ValueError as error:
-            # (Polygons outside of the tree are an error if all are, those of other tasks included. Other errors come again.)
+            # (It is an error if all polygons are outside of the tree, including those of other
+            # tasks. Other errors are raised again.)
             tree._outside_is_error = False
             return zonal_of(fragment, measures, threads=1, **options), error
 
 
 def _collection(geometries: Any) -> dict[str, Any] | None:
-    """The collection of features that is meant; nothing if it is a list of geometries."""
+    """Returns a source's feature collection; nothing if it is a list of geometries."""
     if is_path(geometries):
         if not path_of(geometries).lower().endswith((".json", ".geojson")):
             raise ValueError(f"geometries: {path_of(geometries)}: is no GeoJSON; read it with geopandas, and give the frame")
@@ -343,14 +360,14 @@ def _collection(geometries: Any) -> dict[str, Any] | None:
 
 
 def _distributed() -> Any:
-    """The package distributed. (It has few types.)"""
+    """Returns the package distributed, which is mostly untyped."""
     import distributed
 
     return distributed
 
 
 def _client(client: Any) -> Any:
-    """The client that is given, or the current one."""
+    """Returns the given client, or the current one."""
     cluster = client or _distributed().get_client()
     if not cluster.nthreads():
         raise RuntimeError("the cluster has no workers")
@@ -358,7 +375,9 @@ def _client(client: Any) -> Any:
 
 
 def _wait(cluster: Any, start: Callable[[int], Any], numbers: Sequence[int], progress: Progress, most: int | None = None) -> None:
-    """Starts tasks by their numbers, `most` of them at a time if that is said, and waits for all; the first that fails, or Ctrl-C, ends all others."""
+    """Starts tasks by their numbers, at most `most` at a time if that is given, and waits for all.
+    If one fails, or on Ctrl-C, all others are cancelled.
+    """
     rest = iter(numbers)
     tasks = [start(number) for number in islice(rest, most)]
     with telling(progress) as tell:

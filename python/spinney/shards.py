@@ -1,15 +1,17 @@
-"""Trees that many processes build, on one machine or on many.
+"""Trees built by many processes, on one machine or on many.
 
-A job is planned, each of its shards is built by itself, and shards are put together. The bytes are those of `spinney.build`, `spinney.transform` or `spinney.combine`::
+A job is planned, each of its shards is built independently, and the shards are merged. The bytes
+are those of `spinney.build`, `spinney.transform` or `spinney.combine`::
 
     from spinney import shards
 
     job = shards.plan("tiles/*.tif", "job", shards=64, codec="packed")
-    for number in range(job.shards):        # each may be another process, in any order, and may be run again
+    for number in range(job.shards):        # in any process, in any order; can be repeated
         job.build(number)
     job.merge("country.goblin")
 
-The program's `spinney shard` does the same with the same folders; `spinney.dask.build` lets a cluster of Dask do it.
+The program's `spinney shard` works on the same directories; `spinney.dask.build` runs jobs on a
+Dask cluster.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from ._types import Codec, Path, Progress, Resampling
 
 __all__ = ["Job", "plan", "plan_combine", "plan_transform"]
 
-#: Options of features and models, which shards are not made of.
+#: Options of features and models, which shards do not support.
 _OTHERS = ("cells", "cell", "grid", "max_zoom", "resampling", "edge", "attribute", "up", "unit", "value", "overlaps", "sample", "width", "where")
 
 
@@ -57,12 +59,14 @@ def plan(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Job:
-    """Plans what is built of pictures, and by which shards, in a folder, which is made if there is none; no pixel is read.
+    """Plans the build of a tree from rasters, and its shards, in a directory, which is created if
+    needed; no pixel is read.
 
-    Sources are paths or URLs, or a pattern such as "tiles/*.tif", whose files are taken by their names; the folder may be a URL, too, such as
-    s3://bucket/job. The options are those of `spinney.build`
-    for pictures. Without a number of `shards` there is one for each GiB of input. The same plan may be made again; a folder that has
-    another one is left as it is, which is an error.
+    Sources are paths or URLs, or a pattern such as "tiles/*.tif", whose files are sorted by name;
+    the directory may be a URL, too, such as s3://bucket/job. The options are those of
+    `spinney.build` for rasters. By default there is one of the `shards` per GiB of input. The same
+    plan can be made again. If the directory has another plan, it is left unchanged, and that is an
+    error.
     """
     given: dict[str, Any] = {
         "kind": kind,
@@ -101,7 +105,9 @@ def plan_transform(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Job:
-    """Plans what is made of a tree, as `spinney.transform` makes it, but for steps that go through all cells first (`components=`, `sieve=`). See `plan`."""
+    """Plans the build of a tree from another one, as by `spinney.transform`, without operations
+    that need all cells first (`components=`, `sieve=`). See `plan`.
+    """
     chain = [steps] if isinstance(steps, str) else list(steps)
     with working(progress, threads) as terms:
         _native.plan_transform(
@@ -125,7 +131,7 @@ def plan_combine(
     threads: int | None = None,
     progress: Progress = None,
 ) -> Job:
-    """Plans what is made of several trees, as `spinney.combine` makes it. See `plan`."""
+    """Plans the combination of several trees, as by `spinney.combine`. See `plan`."""
     if values not in ("first", "second"):
         raise ValueError(f"values: {values!r}, expected 'first' or 'second'")
     box = None if within is None else list(within)
@@ -138,7 +144,7 @@ def plan_combine(
 
 
 def _files_of(sources: Path | Sequence[Path]) -> list[str]:
-    """The paths that are meant."""
+    """Returns the paths of sources."""
     if not is_path(sources):
         return [path_of(source) for source in cast(Sequence[Path], sources)]
     path = path_of(sources)
@@ -151,7 +157,9 @@ def _files_of(sources: Path | Sequence[Path]) -> list[str]:
 
 
 class Job:
-    """A job that is planned: a folder, or a place in a bucket, which any process that sees it and the inputs by the same paths can work on."""
+    """A planned job: a directory, or a URL in a bucket. Any process that sees it and the inputs at
+    the same paths can work on it.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path_of(path)
@@ -164,13 +172,15 @@ class Job:
         return f"<Job {_native.shown(str(self.path))}: {self.shards} shards>"
 
     def build(self, number: int, *, memory: int | str = MEMORY, threads: int | None = None, progress: Progress = None) -> bool:
-        """Builds a shard, from 0, unless it is made already, which is told. An error if an input is not the one that was planned."""
+        """Builds a shard, numbered from 0, unless it exists already; returns whether it existed. It
+        is an error if an input is not the planned one.
+        """
         with working(progress, threads) as terms:
             was_there, _ = _native.build_shard(self.path, number, memory_of(memory), terms)
         return was_there
 
     def missing(self) -> list[int]:
-        """Numbers of the shards that are not made."""
+        """Returns the numbers of the missing shards."""
         return _native.missing_shards(self.path)
 
     def merge(
@@ -183,11 +193,16 @@ class Job:
         threads: int | None = None,
         progress: Progress = None,
     ) -> None:
-        """Puts the shards together, all of which must be made. The job stays, or with `remove_shards` goes, shard by shard, as its bytes come to be in the output,
-        so that there is room for one of both; what is cut off then goes on when it is done again, with a file whose name ends with .partial."""
+        """Merges the shards, all of which must exist. The job is kept; with `remove_shards` each
+        shard is deleted as soon as its bytes are in the output, so that disk space for one of both
+        is enough. A cancelled merge of that kind leaves a file whose name ends with .partial, and
+        continues from it when it is repeated.
+        """
         with working(progress, threads, max_bytes) as terms:
             _native.merge_shards(self.path, path_of(out), remove_shards, memory_of(memory), terms)
 
     def remove(self) -> None:
-        """Removes the job, here or in its bucket: all files of it, and the folder unless there is something else in it."""
+        """Removes the job, local or in its bucket: all its files, and the directory unless it has
+        other contents.
+        """
         _native.remove_job(self.path)

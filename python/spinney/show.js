@@ -1,4 +1,5 @@
-// The page in a notebook: a frame that shows it, reads the file's bytes through the kernel, and hands back the polygon that is drawn.
+// The page in a notebook: a frame that shows it, reads the file's bytes through the kernel, and
+// returns the drawn polygon.
 
 export default {
   render({ model, el }) {

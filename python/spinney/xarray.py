@@ -1,12 +1,14 @@
-"""Trees as lazy datasets of xarray.
+"""Trees as lazy xarray datasets.
 
-`xarray.open_dataset("map.goblin", engine="spinney")` opens the cells, or those of a coarser `level=`, as the variable
-`band_data` with the axes `band`, (`z`,) `y` and `x`, as rioxarray's engine does: coordinates are those of cells' centres, the
-coordinate system is where rioxarray looks for it, `chunks={}` makes Dask arrays whose chunks are the file's segments. All
-levels at once are a tree of datasets: `open_levels(path)`, or `xarray.open_datatree(path, engine="spinney")`.
+`xarray.open_dataset("map.goblin", engine="spinney")` opens the cells, or those of a coarser
+`level=`, as the variable `band_data` with the axes `band`, (`z`,) `y` and `x`, as rioxarray's
+engine does: coordinates are cell centres, the coordinate system is stored where rioxarray expects
+it, and `chunks={}` makes Dask arrays whose chunks are the file's segments. All levels together are
+a tree of datasets: `open_levels(path)`, or `xarray.open_datatree(path, engine="spinney")`.
 
-Layers of a file are variables by their names. Those that tell their times, and are alike in all else, are one variable with an axis
-`time`; `layers="band"` puts all on an axis `band` with their names, `layers="variable"` leaves each alone. A layer is read when it is needed.
+Layers of a file become variables with their names. Layers that have times, and are equal in
+everything else, form one variable with an axis `time`; `layers="band"` concatenates all along an
+axis `band` with their names, `layers="variable"` keeps them separate. A layer is read on access.
 """
 
 from __future__ import annotations
@@ -30,11 +32,11 @@ from ._times import text_of_time, time_of_text
 from ._types import Path
 
 SEGMENT = {2: 1024, 3: 128}
-"""Cells along a side of what is read together, by number of axes."""
+"""Cells along a side of a chunk, by number of axes."""
 
 
 class SpinneyBackendEntrypoint(BackendEntrypoint):
-    """Opens .goblin and .autumn files, also commits of these (`map.autumn@3`)."""
+    """Opens .goblin and .autumn files, and commits of these (`map.autumn@3`)."""
 
     description = "Goblin and Autumnal trees, at any level of detail"
     url = ""
@@ -80,19 +82,24 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         concat_characters: bool = True,
         decode_coords: bool | Literal["coordinates", "all"] = True,
     ) -> xr.Dataset:
-        """The cells of a level. VOID becomes NaN and scales are applied if `mask_and_scale` is set, which by default it
-        is for continuous values, and not for classes. As xarray decodes other files, integers become floating then: `float32` those of 8 and
-        16 bits without a scale, `float64` all others, 64-bit ones included.
+        """Opens the cells of a level. With `mask_and_scale` VOID becomes NaN and scales are
+        applied; this is the default for continuous values, but not for classes. As in xarray's
+        decoding of other files, integers then become floating: `float32` those of 8 and 16 bits
+        without a scale, `float64` all others, 64-bit ones included.
 
-        `decode_times`, `decode_timedelta` and `use_cftime` are those of xarray: with `decode_times=False` times are numbers with `units`. With
-        `decode_coords=False` only axes are coordinates; `spatial_ref` and the time of a single layer are variables. `concat_characters` has no effect.
-        `storage_options`, `no_remote` and `no_external` are those of `spinney.open`.
+        `decode_times`, `decode_timedelta` and `use_cftime` are those of xarray: with
+        `decode_times=False` times are numbers with `units`. With `decode_coords=False` only axes
+        are coordinates; `spatial_ref` and the time of a single layer are variables.
+        `concat_characters` has no effect. `storage_options`, `no_remote` and `no_external` are
+        those of `spinney.open`.
 
-        Of a file of several layers each is a variable by its name; those of larger cells than the finest have axes of their own. Layers
-        that tell their times, have the same type and size and, but for the time, the same name, are one variable with an axis `time`
-        (`"band_data"`, if they are named by their times alone). With `layers` "band" all are `band_data`, and their names the
-        coordinates of its axis `band`; with "variable" each is a variable, whatever its time; with "time" it is an error if
-        times do not make an axis. One `layer` is `band_data`."""
+        In a file of several layers each is a variable with its name; layers of larger cells than
+        the finest have their own axes. Layers with times that have the same type and size and,
+        except for the time, the same name, are one variable with an axis `time` (`"band_data"`, if
+        their names are only times). With `layers` "band" all are `band_data`, with their names as
+        the coordinates of its axis `band`; with "variable" each is a variable, whatever its time;
+        with "time" it is an error if times do not form an axis. A single `layer` is `band_data`.
+        """
         options: Any = {"storage_options": storage_options, "no_remote": no_remote, "no_external": no_external}
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer, **options)
         trees = {"": tree}
@@ -130,7 +137,9 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         concat_characters: bool = True,
         decode_coords: bool | Literal["coordinates", "all"] = True,
     ) -> dict[str, xr.Dataset]:
-        """The levels as groups, named by their numbers; those of a file of several layers as `open_dataset` has them."""
+        """Returns the levels as groups, named by their numbers; files of several layers are as in
+        `open_dataset`.
+        """
         options: Any = {"storage_options": storage_options, "no_remote": no_remote, "no_external": no_external}
         tree = open(filename_or_obj, view=view, commit=commit, positioned=positioned, layer=layer, **options)
         root, trees = xr.Dataset(attrs=_attributes(tree)), {"": tree}
@@ -153,11 +162,11 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
         return groups
 
     def open_datatree(self, filename_or_obj: Any, **options: Any) -> xr.DataTree:
-        """The levels as a tree of datasets, named by their numbers."""
+        """Returns the levels as a tree of datasets, named by their numbers."""
         return xr.DataTree.from_dict(self.open_groups_as_dict(filename_or_obj, **options))
 
     def guess_can_open(self, filename_or_obj: Any) -> bool:
-        """Whether the name is that of a tree file."""
+        """Returns whether the name is that of a tree file."""
         if not is_path(filename_or_obj):
             return False
         name = str(filename_or_obj.path) if hasattr(filename_or_obj, "fs") else os.fsdecode(filename_or_obj)
@@ -165,8 +174,9 @@ class SpinneyBackendEntrypoint(BackendEntrypoint):
 
 
 class _Closing:
-    """Closes trees. A pickled one holds none: arrays that are pickled open their trees again, which are closed when they are collected, and a loaded
-    dataset needs no file."""
+    """Closes trees. A pickled instance holds none: unpickled arrays open their trees again, which
+    are closed when they are collected, and a loaded dataset needs no file.
+    """
 
     def __init__(self, trees: Iterable[Dataset] = ()) -> None:
         self.trees = list(trees)
@@ -180,7 +190,9 @@ class _Closing:
 
 
 class FileVariable(xr.Variable):
-    """A variable whose cells are in a file: its Dask arrays are named after the version of the file, and not after its path alone."""
+    """A variable whose cells are in a file: its Dask arrays are named by the version of the file,
+    not only by its path.
+    """
 
     __slots__ = ()
 
@@ -198,7 +210,7 @@ class FileVariable(xr.Variable):
 
 
 def _finished(made: xr.Dataset, decode_times: Any, decode_timedelta: Any, use_cftime: bool | None, decode_coords: Any) -> xr.Dataset:
-    """A dataset as the options of xarray want it."""
+    """Applies the decoding options of xarray to a dataset."""
     if decode_coords not in (True, False, None, "coordinates", "all"):
         raise ValueError(f"decode_coords: {decode_coords!r}, expected True, False, 'coordinates' or 'all'")
     if "time" in made.coords and (decode_times is not True or use_cftime is not None):
@@ -220,14 +232,16 @@ def _finished(made: xr.Dataset, decode_times: Any, decode_timedelta: Any, use_cf
 
 
 def _names_layer(path: Any) -> bool:
-    """Whether a path names a layer."""
+    """Returns whether a path names a layer."""
     if not isinstance(path, str | os.PathLike):
         return False
     return ":" in os.path.basename(str(path)) and not os.path.exists(str(path))
 
 
 def open_levels(path: Path, **options: Any) -> xr.DataTree:
-    """All levels of a tree, `"0"` (one cell) to the cells, as datasets; options are those of `open_dataset`."""
+    """Opens all levels of a tree, `"0"` (one cell) to the cells, as datasets; options are those of
+    `open_dataset`.
+    """
     return SpinneyBackendEntrypoint().open_datatree(path, **options)
 
 
@@ -254,17 +268,19 @@ def _dataset_of(tree: Dataset, level: int, void: Void, mask_and_scale: bool | No
 
 
 def masks_of(tree: Dataset, mask_and_scale: bool | None) -> bool:
-    """Whether VOID becomes NaN and scales are applied."""
+    """Returns whether VOID becomes NaN and scales are applied."""
     return tree.kind == "continuous" if mask_and_scale is None else mask_and_scale
 
 
 def decoded(made: xr.Dataset) -> xr.Dataset:
-    """A dataset whose VOID is NaN, and whose scales are applied."""
+    """Returns a dataset whose VOID is NaN, and whose scales are applied."""
     return xr.decode_cf(made, mask_and_scale=True, decode_times=False, decode_coords=False)
 
 
 def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
-    """What the values of a tree mean, in words of the CF conventions and rioxarray, and, where these have none, in our own."""
+    """Returns the meaning of a tree's values as attributes: those of the CF conventions and
+    rioxarray or, where these have none, of this package.
+    """
     attrs: dict[str, Any] = {"spinney_kind": tree.kind, "spinney_rule": tree.rule}
     if tree.categories:
         attrs["flag_values"] = np.array(list(tree.categories), dtype=void.dtype)
@@ -296,7 +312,7 @@ def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
     alpha = tree._facts()["alpha"]
     if alpha is not None:
         attrs["spinney_alpha"] = alpha + 1
-    # (Coordinates of centres have been rounded; where the map is askew, there are none.)
+    # (Coordinates of centres are rounded, and a rotated grid has none.)
     scale = 2.0 ** (tree.depth - level)
     matrix = tree.matrix[:3] * [*([scale] * tree.ndim), *([1.0] * (3 - tree.ndim)), 1.0]
     if np.any(matrix != np.eye(4)[:3]):
@@ -306,17 +322,17 @@ def _meaning(tree: Dataset, level: int, void: Void) -> dict[str, Any]:
 
 
 def _word(name: str) -> str:
-    """A name without blanks."""
+    """Returns a name without blanks."""
     return re.sub(r"\s+", "_", name.strip()) or "_"
 
 
 def _attributes(tree: Dataset) -> dict[str, Any]:
-    """Tags, but for those that xarray would take for something about samples."""
+    """Returns the tags, except for those that xarray would interpret as properties of samples."""
     return {name: text for name, text in tree.tags.items() if not name.startswith("spinney_") and name not in (*_INTERPRETED, *_DECODED)}
 
 
 def _centres(tree: Dataset, level: int, shape: tuple[int, ...]) -> dict[str, Any]:
-    """Coordinates of cells' centres, where each depends on one axis alone."""
+    """Returns the coordinates of cell centres, where each depends on a single axis."""
     matrix = tree.matrix[: tree.ndim, : tree.ndim]
     if np.any(matrix != np.diag(np.diag(matrix))):
         return {}
@@ -329,7 +345,7 @@ def _centres(tree: Dataset, level: int, shape: tuple[int, ...]) -> dict[str, Any
 
 
 def described(array: xr.DataArray) -> dict[str, Any]:
-    """What a DataArray tells about itself, as arguments of `spinney.build`."""
+    """Returns a DataArray's own properties, as arguments of `spinney.build`."""
     names = {"band": "b", "z": "z", "y": "y", "x": "x", "lat": "y", "lon": "x", "latitude": "y", "longitude": "x"}
     try:
         dims = "".join(names[str(name)] for name in array.dims)
@@ -364,7 +380,7 @@ def described(array: xr.DataArray) -> dict[str, Any]:
 
 
 def _seen_of(array: xr.DataArray) -> str | None:
-    """The time of what is seen, which is told by a coordinate, or by an attribute."""
+    """Returns the acquisition time in a coordinate or an attribute."""
     time = array.coords.get("time")
     if time is not None and time.ndim == 0 and time.dtype.kind == "M" and not np.isnat(time.values):
         return text_of_time(time.values)
@@ -373,7 +389,9 @@ def _seen_of(array: xr.DataArray) -> str | None:
 
 
 _DECODED = ("scale_factor", "add_offset", "scales", "offsets", "dtype", "_Unsigned", "calendar", "fill_value")
-"""Names of attributes that xarray and rioxarray read as told of samples, besides those in `_INTERPRETED`."""
+"""Names of attributes that xarray and rioxarray interpret as properties of samples, in addition to
+those in `_INTERPRETED`.
+"""
 
 _INTERPRETED = (
     "_FillValue",
@@ -391,7 +409,7 @@ _INTERPRETED = (
 
 
 def _bands_of(array: xr.DataArray) -> list[int]:
-    """The numbers of the bands, counted from 1."""
+    """Returns the numbers of the bands, counted from 1."""
     count = array.sizes.get("band", 1)
     numbers = np.atleast_1d(array.coords["band"]) if "band" in array.coords else np.arange(1, count + 1)
     whole = numbers.dtype.kind in "iu" and len(numbers) == count
@@ -399,7 +417,9 @@ def _bands_of(array: xr.DataArray) -> list[int]:
 
 
 def _by_band(told: Any, bands: list[int], repeated: bool = False) -> list[Any] | None:
-    """What is told of each band: one for all is `repeated`, or is about the one that there is."""
+    """Returns an attribute's value for each band: a single value is `repeated`, or applies to an
+    only band.
+    """
     if told is None or (isinstance(told, str) and not told):
         return None
     if isinstance(told, str | int | float | np.number):
@@ -412,7 +432,7 @@ def _by_band(told: Any, bands: list[int], repeated: bool = False) -> list[Any] |
 
 
 def _number(told: Any) -> float | None:
-    """A number, if it is one."""
+    """Returns a number, or nothing if it is not one."""
     try:
         number = np.asarray(told).item()
         number = number if isinstance(number, int) else float(number)
@@ -422,8 +442,10 @@ def _number(told: Any) -> float | None:
 
 
 def _void_told(array: xr.DataArray) -> dict[str, Any]:
-    """The number of VOID: among the samples, or, where these are NaN, the one that it has elsewhere; and the type of samples of
-    classes that were made floating or wider so that there is one."""
+    """Returns the number of VOID: among the samples, or, if VOID is NaN in these, its encoded
+    number; and the original sample type of classes that were converted to floating or wider types
+    to represent VOID.
+    """
     attrs, encoding = array.attrs, array.encoding
     names = ("_FillValue", "missing_value", "fill_value", "nodata")
     number = next((_number(attrs[name]) for name in names if name in attrs), None)
@@ -449,13 +471,14 @@ def _void_told(array: xr.DataArray) -> dict[str, Any]:
         )
         told["nodata"] = number if held else None
     elif encoded is not None and array.dtype.kind == "f" and not {"scale_factor", "add_offset"} & set(encoding):
-        # (Of several bands some may lack what others have: their samples become that number again.)
+        # (If there are several bands, some may lack values that others have: their samples become
+        # that number again.)
         told["nodata" if array.sizes.get("band", 1) > 1 else "void_number"] = encoded
     return told
 
 
 def _classes_told(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, Any]:
-    """Names and colours of classes."""
+    """Returns names and colours of classes."""
     told: dict[str, Any] = {"categories": None, "colormap": None}
     colours = str(attrs.get("spinney_colormap", "")).split()
     if colours:
@@ -466,7 +489,7 @@ def _classes_told(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, A
     values = [int(value) for value in (listed.replace(",", " ").split() if isinstance(listed, str) else np.atleast_1d(listed))]
     words = str(attrs["flag_meanings"]).split()
     exact = {int(value): name for value, name in _texts_of(attrs, "spinney_categories").items() if value.lstrip("-").isdecimal()}
-    # (A meaning that somebody has changed since counts.)
+    # (A meaning that was edited takes precedence.)
     named = {value: exact[value] if _word(exact.get(value, "")) == word else word.replace("_", " ") for value, word in zip(values, words)}
     told["categories"] = {value: "" if name == " " else name for value, name in named.items()}
     flag_colours = str(attrs.get("flag_colors", "")).split()
@@ -476,7 +499,7 @@ def _classes_told(attrs: Mapping[Any, Any], dtype: np.dtype[Any]) -> dict[str, A
 
 
 def _texts_of(attrs: Mapping[Any, Any], name: str) -> dict[str, str]:
-    """Texts by name, of an attribute that this package has written."""
+    """Returns strings by name, from an attribute that this package has written."""
     try:
         return {str(key): str(text) for key, text in json.loads(attrs.get(name, "{}")).items()}
     except (TypeError, ValueError, AttributeError):
@@ -484,7 +507,7 @@ def _texts_of(attrs: Mapping[Any, Any], name: str) -> dict[str, str]:
 
 
 def _colour(text: str) -> tuple[int, ...]:
-    """Red, green, blue and opacity of `#rrggbb` or `#rrggbbaa`."""
+    """Parses red, green, blue and opacity in `#rrggbb` or `#rrggbbaa`."""
     digits = text.removeprefix("#")
     if not re.fullmatch("([0-9a-fA-F]{2}){3,4}", digits):
         raise ValueError(f"colour {text!r} in the attributes of the DataArray: expected #rrggbb or #rrggbbaa")
@@ -492,7 +515,9 @@ def _colour(text: str) -> tuple[int, ...]:
 
 
 def _transform_told(array: xr.DataArray, dims: str, mapping: xr.DataArray | None) -> Any:
-    """The map from cells to the world: as it is told, if coordinates agree with it or there are none, else theirs."""
+    """Returns the cell-to-world transform: the attribute's, if it agrees with the coordinates or
+    there are none, else that of the coordinates.
+    """
     found = _transform_of(array, dims)
     attrs = array.attrs
     is_whole = list(attrs.get("spinney_shape", [])) == [array.sizes[axis] for axis, name in zip(array.dims, dims) if name != "b"]
@@ -516,7 +541,7 @@ def _transform_told(array: xr.DataArray, dims: str, mapping: xr.DataArray | None
     if told is not None:
         axes = 3 if "z" in dims else 2
         ours, theirs = (np.asarray(_rows(rows))[:axes] for rows in (found, told))
-        # (They differ by far less than a cell, wherever in the array.)
+        # (They agree if they differ by far less than a cell throughout the array.)
         differences = np.abs(ours - theirs)[:, [*range(axes), 3]]
         near = differences @ [*([max(array.shape)] * axes), 1.0] < 1e-6 * np.abs(theirs[:, :3]).sum(axis=1)
         return told if near.all() else found
@@ -524,7 +549,7 @@ def _transform_told(array: xr.DataArray, dims: str, mapping: xr.DataArray | None
 
 
 def _rows(transform: Any) -> list[list[float]]:
-    """The three rows of a map from cells to the world."""
+    """Returns the three rows of a cell-to-world matrix."""
     numbers = np.asarray(transform, dtype=float).ravel()
     if len(numbers) == 6:
         a, b, c, d, e, f = numbers
@@ -533,7 +558,9 @@ def _rows(transform: Any) -> list[list[float]]:
 
 
 def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
-    """The map from cells to the world by coordinates of cells' centres; `None` if there are none."""
+    """Returns the cell-to-world transform from the coordinates of cell centres; `None` if there are
+    none.
+    """
     steps, starts = [], []
     for name in "xyz"[: 3 if "z" in dims else 2]:
         axis = array.dims[dims.index(name)]
@@ -552,13 +579,15 @@ def _transform_of(array: xr.DataArray, dims: str) -> list[Any] | None:
 
 
 def _untold(text: str, error: Exception) -> dict[str, Any]:
-    """Attributes of a coordinate system that xarray's users cannot read, and a warning that says so."""
+    """Returns attributes of a coordinate system that xarray's users cannot read, and warns about
+    it.
+    """
     warnings.warn(f"the coordinate system is told in the attribute `spinney_crs` alone: {error}", UserWarning, stacklevel=2)
     return {"spinney_crs": text}
 
 
 def _reference(tree: Dataset, level: int) -> dict[str, Any]:
-    """Attributes of the coordinate system, as rioxarray and GDAL have them."""
+    """Returns attributes of the coordinate system, as in rioxarray and GDAL."""
     a, b, c, d, e, f = tree.level(level).transform
     attrs: dict[str, Any] = {"GeoTransform": " ".join(map(repr, map(float, (c, a, b, f, d, e))))}
     text = tree.crs

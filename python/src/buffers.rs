@@ -1,4 +1,5 @@
-//! Memory of arrays that nobody has any more, for the next ones: pages that are there already need not be asked for and cleared.
+//! Recycled array memory: pages that are already mapped need not be allocated and zeroed by the
+//! kernel again.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -6,16 +7,18 @@ use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyByteArray;
 
-/// Bytes of an array that is worth it: smaller ones the allocator keeps itself, larger ones take longer to read than to allocate.
+/// Size range, in bytes, of the buffers that are recycled. The allocator recycles smaller ones
+/// itself; larger ones take longer to read than to allocate.
 const LEAST: usize = 1 << 15;
 const MOST: usize = 4 << 20;
-/// Buffers that are kept.
+/// Maximum number of buffers.
 const KEPT: usize = 8;
 
-/// Buffers, those in use among them: whoever has an array holds its buffer, too.
+/// All buffers, including those in use: an array holds a reference to its buffer, too.
 static BUFFERS: Mutex<Vec<Py<PyByteArray>>> = Mutex::new(Vec::new());
 
-/// A buffer of at least so many bytes, which may be anything; `None` where there is none to be had.
+/// Returns an uninitialized buffer of at least `bytes` bytes; `None` if the size is out of range or
+/// all buffers are in use.
 pub(crate) fn buffer(py: Python<'_>, bytes: usize) -> PyResult<Option<Bound<'_, PyByteArray>>> {
     static REFERENCES: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     if !(LEAST..=MOST).contains(&bytes) {
@@ -26,8 +29,9 @@ pub(crate) fn buffer(py: Python<'_>, bytes: usize) -> PyResult<Option<Bound<'_, 
     let mut free = None;
     for (index, buffer) in buffers.iter().enumerate() {
         let buffer = buffer.bind(py);
-        // Invariant: an array holds a reference to its buffer for as long as it, or any view of it, is there. Two references are
-        // ours and that of the question, and no other can come meanwhile: the interpreter's lock is held.
+        // Invariant: an array, and any view of it, holds a reference to its buffer. Two references
+        // are the list's and this call's own. No other can appear meanwhile, since the
+        // interpreter's lock is held.
         if references.call1((buffer,))?.extract::<usize>()? <= 2 {
             if (bytes..=2 * bytes).contains(&buffer.len()) {
                 return Ok(Some(buffer.clone()));

@@ -1,4 +1,4 @@
-//! Trees of arrays and of files.
+//! Building trees from arrays and from files.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -33,7 +33,7 @@ use crate::numbers::{PyNumber, names_of};
 use crate::packing::Packing;
 use crate::samples::{copy_bytes, sample_of};
 
-/// Facts that are told about an array.
+/// Description of an array.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ArrayOptions {
@@ -42,14 +42,14 @@ pub(crate) struct ArrayOptions {
     octree: bool,
     dtype: String,
     channels: u8,
-    /// Whether it has to be read in bands of rows, from the top down.
+    /// Whether the array has to be read in bands of rows, top down.
     in_order: bool,
     kind: Option<String>,
     rule: Option<String>,
     nodata: Option<PyNumber>,
-    /// The number that VOID gets in outputs, where none of the array's has meant it.
+    /// Number that VOID gets in outputs if no number of the array means VOID.
     void_number: Option<PyNumber>,
-    /// The channel that is opacity.
+    /// Index of the opacity channel.
     alpha: Option<u8>,
     transform: Option<Vec<f64>>,
     crs: Option<String>,
@@ -64,11 +64,11 @@ pub(crate) struct ArrayOptions {
     scale_offset: Vec<(f64, f64)>,
     units: Vec<String>,
     tags: BTreeMap<String, String>,
-    /// Time of what is seen.
+    /// Acquisition time of the layer's content.
     seen: Option<String>,
 }
 
-/// A tree that is planned of an array.
+/// Planned tree of an array.
 pub(crate) struct ArrayTree {
     pub(crate) form: TreeType,
     /// The value that means VOID.
@@ -93,7 +93,7 @@ impl ArrayOptions {
         Ok(ArrayTree { form: TreeType::new(dimension, value), nodata, build: self.options(value.sample)? })
     }
 
-    /// The array's cells in a run, which `read` hands out.
+    /// Returns the cells of a code range, read block by block with `read`.
     pub(crate) fn slabs<'w>(
         &self,
         read: &'w Py<PyAny>,
@@ -162,7 +162,7 @@ impl ArrayOptions {
     }
 }
 
-/// The map from cells to the world of six numbers, or of twelve.
+/// Returns the cell-to-world matrix from 6 or 12 numbers.
 pub(crate) fn matrix_of(numbers: &[f64]) -> PyResult<[[f64; 4]; 3]> {
     let frame = match *numbers {
         [a, b, c, d, e, f] => Frame::planar([a, b, c, d, e, f]),
@@ -178,9 +178,9 @@ pub(crate) fn matrix_of(numbers: &[f64]) -> PyResult<[[f64; 4]; 3]> {
     Ok(frame.matrix)
 }
 
-/// Cells of an array, block by block as Python has them.
+/// Cells of an array, in the blocks that Python delivers.
 pub(crate) struct ArraySlabs<'w> {
-    /// A function of a block's first cell and size, that gives the samples and perhaps flags.
+    /// Function from a block's first cell and size to its samples and, optionally, flags.
     read: &'w Py<PyAny>,
     extent: [u64; 3],
     sample: SampleType,
@@ -188,16 +188,17 @@ pub(crate) struct ArraySlabs<'w> {
     work: &'w Work,
 }
 
-/// Boxes of an array, in the order in which they are read.
+/// Boxes of an array, in reading order.
 enum Boxes {
     /// In FD order.
     Anywhere(SlabBoxes),
-    /// Bands of so many rows, or planes, along an axis; the first row of the next.
+    /// Bands of `rows` rows, or planes, along `axis`; `next` is the first row of the next band.
     FromTheTop { axis: usize, rows: u64, next: u64 },
 }
 
 impl<'w> ArraySlabs<'w> {
-    /// The cells of a run, in a tree of so many levels; `memory` is for a block.
+    /// Creates the cells of `run`, in a tree of `depth` levels; `memory` is the limit of a block in
+    /// bytes.
     fn new(
         read: &'w Py<PyAny>,
         options: &ArrayOptions,
@@ -225,7 +226,7 @@ impl<'w> ArraySlabs<'w> {
         ArraySlabs { read, extent, sample: form.value.sample, boxes, work }
     }
 
-    /// First cell and size of the next block.
+    /// Returns the first cell and the size of the next block.
     fn next_block(&mut self) -> Option<([u64; 3], [u64; 3])> {
         match &mut self.boxes {
             Boxes::Anywhere(boxes) => boxes.next(),
@@ -269,7 +270,7 @@ impl Slabs for ArraySlabs<'_> {
     }
 }
 
-/// A channel by its number or its name.
+/// Channel, by number or by name.
 #[derive(FromPyObject)]
 pub(crate) enum BandName {
     Number(usize),
@@ -288,13 +289,13 @@ impl BandName {
 /// Pages of a TIFF file.
 #[derive(FromPyObject)]
 pub(crate) enum Pages {
-    /// One, by its number from 0.
+    /// One page, by its number from 0.
     One(usize),
-    /// All: `layers` or `z`.
+    /// All pages, as `layers` or as `z`.
     All(String),
 }
 
-/// Options of an import of files.
+/// Options of an import from files.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct FileOptions {
@@ -311,7 +312,7 @@ pub(crate) struct FileOptions {
     pub(crate) names: Option<Vec<String>>,
     pub(crate) times: Option<Vec<String>>,
     pub(crate) keep_transparent: bool,
-    /// Value of features: a number or the name of an attribute.
+    /// Value of features: a number, or the name of an attribute.
     pub(crate) value: Option<String>,
     pub(crate) overlaps: Option<String>,
     pub(crate) sample: Option<String>,
@@ -361,12 +362,13 @@ impl FileOptions {
         Ok(options)
     }
 
-    /// Whether all pages of a file are asked for, as `way`.
+    /// Returns whether all pages of a file are requested, as `way`.
     fn has_pages(&self, way: &str) -> bool {
         matches!(&self.pages, Some(Pages::All(name)) if name == way)
     }
 
-    /// Options for a stack, if one is asked for, or the bands of the only file are no one value; nothing else.
+    /// Returns the options of a stack if one is requested, or if the bands of the only file do not
+    /// form one value; otherwise `None`.
     pub(crate) fn stack(&self, paths: &[PathBuf]) -> PyResult<Option<StackOptions>> {
         let every_page = self.has_pages("layers");
         let is_single = self.grid.is_some() || self.max_zoom.is_some();
@@ -419,7 +421,7 @@ impl FileOptions {
         Ok(options)
     }
 
-    /// The grid that pictures are warped to, if not their own.
+    /// Returns the grid that rasters are warped to, if it is not their own.
     pub(crate) fn target(&self) -> PyResult<Option<TargetGrid>> {
         let Some(path) = &self.grid else {
             return match self.max_zoom.is_some() || self.resampling.is_some() || self.allow_ballpark {
@@ -471,7 +473,8 @@ impl FileOptions {
     }
 }
 
-/// Builds a tree of picture files (of several, the last lies on top), of models of solids or meshes in memory, or of features.
+/// Builds a tree from raster files (the last is on top), from models of solids, from meshes in
+/// memory, or from features.
 #[pyfunction]
 #[pyo3(signature = (paths, meshes, out, options, terms))]
 pub(crate) fn build_files(

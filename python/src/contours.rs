@@ -1,4 +1,5 @@
-//! Contours: lines, areas between them, and surfaces of octrees; regions of classes as polygons and chain codes.
+//! Contours: lines, bands, and isosurfaces of octrees; regions of classes as polygons and chain
+//! codes.
 
 use std::path::PathBuf;
 
@@ -17,7 +18,7 @@ use crate::numbers::PyNumber;
 use crate::part::level_of;
 use crate::tree::Tree;
 
-/// Contours that are asked for.
+/// Contour request.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ContourOptions {
@@ -91,9 +92,9 @@ impl Tree {
         Ok(made.count)
     }
 
-    /// Writes regions of classes as polygons, of cells with so many neighbours; returns their number.
+    /// Writes regions of classes as polygons, with 4- or 8-connected cells; returns their number.
     #[pyo3(name = "_write_polygons")]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn write_polygons(
         &self,
         py: Python<'_>,
@@ -117,9 +118,9 @@ impl Tree {
         Ok(made.count)
     }
 
-    /// Writes regions of classes as chain codes of so many directions; returns their number.
+    /// Writes regions of classes as chain codes of 4 or 8 directions; returns their number.
     #[pyo3(name = "_write_chain_code")]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn write_chain_code(
         &self,
         py: Python<'_>,
@@ -142,7 +143,8 @@ impl Tree {
     }
 }
 
-/// What is asked of regions of classes at a level, of cells with so many neighbours.
+/// Returns the request for regions of classes at `level`, with cells connected to 4 or 8
+/// neighbours.
 fn region_request(classes: Option<Vec<PyNumber>>, connect: u8, level: u8) -> PyResult<PolygonRequest> {
     let mut request = PolygonRequest::new();
     request.classes = classes.map(|classes| classes.into_iter().map(|PyNumber(class)| class).collect());

@@ -20,7 +20,7 @@ use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, part_of};
 
-/// A file that is being edited; nothing of it is seen by others before it is committed.
+/// Editor of a file. Readers see no edit before it is committed.
 #[pyclass(frozen, module = "spinney._native")]
 pub(crate) struct Editor {
     editor: Mutex<Option<spinney::edit::Editor>>,
@@ -28,7 +28,7 @@ pub(crate) struct Editor {
 }
 
 impl Editor {
-    /// The editor, for one thread at a time.
+    /// Returns the editor, which one thread at a time can use.
     fn get(&self) -> PyResult<MutexGuard<'_, Option<spinney::edit::Editor>>> {
         let in_use = |_| PyRuntimeError::new_err(format!("{}: another thread edits it", self.path.display()));
         let editor = self.editor.try_lock().map_err(in_use)?;
@@ -44,14 +44,14 @@ impl Editor {
         jobs::run(py, terms, |work| apply_edits(editor, &mut std::iter::once(Ok(edit)), work).map(drop))
     }
 
-    /// Fails if another file is the one that is edited. (Its commits are others.)
+    /// Fails if `other` is the file that is being edited, without a commit number.
     fn check_other(&self, other: &Path) -> PyResult<()> {
         let name = self.path.display();
         let text = || invalid(format!("{name}: is edited and pasted; name a commit, as in {name}@1"));
         if is_same_file(other, &self.path) { Err(text()) } else { Ok(()) }
     }
 
-    /// The tree with all edits so far.
+    /// Returns the tree with all edits so far.
     fn tree(&self) -> PyResult<Dataset> {
         let editor = self.get()?;
         let closed = || PyValueError::new_err("is closed");
@@ -67,8 +67,8 @@ impl Editor {
         Ok(Editor { editor: Mutex::new(Some(editor)), path })
     }
 
-    /// Puts a file over a part of the tree.
-    #[allow(clippy::too_many_arguments)] // those of the Python method
+    /// Writes another file's tree over a region.
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn paste(
         &self,
         py: Python<'_>,
@@ -101,8 +101,8 @@ impl Editor {
         self.apply(py, Edit::Paste { patch: chain, at, void, options: reconcile.options()? }, terms)
     }
 
-    /// Gives a region one value, or makes it VOID.
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    /// Sets a region to one value, or to VOID.
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn fill(
         &self,
         py: Python<'_>,
@@ -128,7 +128,7 @@ impl Editor {
                     let text = format!("polygon: outside of the picture, which is {}", places.picture());
                     return Err(invalid(text));
                 }
-                // (What an odd number of rings is around is inside, wherever they come from.)
+                // (Even-odd rule over all rings, also across polygons.)
                 FillRegion::Polygon(Polygon::new(&parts.concat()).or_raise()?)
             }
             (None, None, Some(text)) => {
@@ -148,7 +148,7 @@ impl Editor {
         )
     }
 
-    /// Gives the cells of features values, or makes them VOID.
+    /// Sets the cells of features to values, or to VOID.
     fn fill_zones(
         &self,
         py: Python<'_>,
@@ -170,7 +170,8 @@ impl Editor {
         })
     }
 
-    /// Gives single cells (x, y and in octrees z, a row each) new values (a row each; none: VOID).
+    /// Sets single cells to values: a row of x, y and, in octrees, z per cell, a row of values per
+    /// cell; VOID without values.
     fn set(
         &self,
         py: Python<'_>,
@@ -198,7 +199,7 @@ impl Editor {
         self.apply(py, Edit::Set(edits), terms)
     }
 
-    /// Makes the tree what an operation makes of it and another one.
+    /// Replaces the tree by the result of a set operation on it and another tree.
     fn combine(
         &self,
         py: Python<'_>,
@@ -211,12 +212,12 @@ impl Editor {
         self.apply(py, Edit::Apply(named(operation, Prefer::First)?, other, reconcile.options()?), terms)
     }
 
-    /// Makes the tree what it was in another commit.
+    /// Restores the tree's state at another commit.
     fn revert(&self, py: Python<'_>, commit: u64, terms: Terms) -> PyResult<()> {
         self.apply(py, Edit::Revert(commit), terms)
     }
 
-    /// Makes all edits one commit, and closes the file; `None` if nothing has changed.
+    /// Commits all edits, and closes the file. Returns `None` if nothing has changed.
     fn commit<'py>(
         &self,
         py: Python<'py>,
@@ -231,7 +232,7 @@ impl Editor {
         commit.map(|commit| commit_facts(py, &commit)).transpose()
     }
 
-    /// Forgets all edits, and closes the file.
+    /// Discards all edits, and closes the file.
     fn close(&self) -> PyResult<()> {
         if let Ok(mut editor) = self.get() {
             editor.take();
@@ -240,7 +241,7 @@ impl Editor {
     }
 }
 
-/// The numbers of each row of an array of u64, i64 or f64.
+/// Returns the numbers of each row of a u64, i64 or f64 array.
 fn rows_of(values: &Bound<'_, PyAny>) -> PyResult<Vec<Vec<Number>>> {
     fn rows<T: Element + Copy + Into<Number>>(values: &Bound<'_, PyArray2<T>>) -> PyResult<Vec<Vec<Number>>> {
         let lent = values.try_readonly().map_err(|error| invalid(format!("values: {error}")))?;

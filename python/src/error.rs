@@ -1,4 +1,4 @@
-//! The library's errors as Python's.
+//! Conversion of the library's errors to Python exceptions.
 
 use std::io;
 
@@ -7,12 +7,14 @@ use pyo3::prelude::*;
 use spinney::Error;
 use spinney::raw::io::redacted;
 
-/// The exception for a failure, with the library's message and of the kind that Python's own functions raise.
+/// Returns the exception for an error: the library's message, in the exception class that Python's
+/// own functions raise.
 pub(crate) fn raised(error: Error) -> PyErr {
     let text = message(&error);
     match &error {
         Error::Io { path, doing, cause } => match cause.raw_os_error() {
-            // (Python chooses the exception by the number: FileNotFoundError, PermissionError, ... It shows number and path.)
+            // (Python selects the class by the error number: FileNotFoundError, PermissionError,
+            // ... It prints number and path.)
             Some(number) => {
                 let text = cause.to_string();
                 let text = text.split(" (os error").next().unwrap_or_default();
@@ -40,7 +42,7 @@ pub(crate) fn raised(error: Error) -> PyErr {
     }
 }
 
-/// The message with its causes.
+/// Returns the message, followed by its causes.
 fn message(error: &Error) -> String {
     let mut text = error.to_string();
     let mut cause = std::error::Error::source(error);
@@ -52,9 +54,9 @@ fn message(error: &Error) -> String {
     text
 }
 
-/// The library's results as Python's.
+/// Conversion of the library's results to Python's.
 pub(crate) trait OrRaise<T> {
-    /// The value, or the exception for the error.
+    /// Returns the value, or the error's exception.
     fn or_raise(self) -> PyResult<T>;
 }
 
@@ -65,7 +67,7 @@ impl<T> OrRaise<T> for spinney::Result<T> {
     }
 }
 
-/// A wrong argument.
+/// Returns a ValueError for an invalid argument.
 pub(crate) fn invalid(text: impl Into<String>) -> PyErr {
     PyValueError::new_err(redacted(&text.into()).into_owned())
 }

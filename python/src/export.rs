@@ -1,4 +1,4 @@
-//! Trees as files of other programs: cloud-optimized GeoTIFF, tiles of web maps, glTF and 3D Tiles.
+//! Exports: cloud-optimized GeoTIFF, web map tiles, glTF and 3D Tiles.
 
 use std::path::{Path, PathBuf};
 
@@ -19,7 +19,7 @@ use crate::numbers::PyNumber;
 use crate::part::{coordinates_of, level_of, part_of};
 use crate::tree::Tree;
 
-/// Options of tiles; what is not said is as it is for the program.
+/// Options of tiles. An omitted option has the default of `spinney tiles`.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct TileOptions {
@@ -34,13 +34,13 @@ pub(crate) struct TileOptions {
     name: Option<String>,
     attribution: Option<String>,
     resume: bool,
-    /// One part of so many, by its number from 0.
+    /// Index from 0 of one fragment of a pyramid, and the number of fragments.
     part: Option<(u32, u32)>,
-    /// Archives of all parts.
+    /// Archives of all fragments.
     parts: Vec<PathBuf>,
-    /// Whether tiles that are there are brought up to date.
+    /// Whether existing tiles are updated.
     update: bool,
-    /// The archive that a new one starts from, if not the output itself.
+    /// Archive that a new one starts from, if it is not the output itself.
     old: Option<PathBuf>,
     since: Option<PathBuf>,
     restyle: bool,
@@ -91,7 +91,8 @@ impl Tree {
         Ok(())
     }
 
-    /// Writes binary glTF, or 3D Tiles if the name is `x/tileset.json`; returns the number of triangles.
+    /// Writes binary glTF, or 3D Tiles if the name is `x/tileset.json`; returns the number of
+    /// triangles.
     #[pyo3(name = "_write_gltf")]
     fn write_gltf(
         &self,
@@ -123,14 +124,14 @@ impl Tree {
         })
     }
 
-    /// Whether a name is that of an archive of tiles, or a pattern of their names.
+    /// Returns whether a name is that of a tile archive, or a pattern of tile names.
     #[staticmethod]
     #[pyo3(name = "_is_tiles")]
     fn is_tiles(path: PathBuf) -> PyResult<bool> {
         Ok(TileTarget::of(&path).or_raise()?.is_some())
     }
 
-    /// Writes tiles of web maps; returns their number.
+    /// Writes web map tiles; returns their number.
     #[pyo3(name = "_write_tiles")]
     fn write_tiles(
         &self,
@@ -167,7 +168,7 @@ impl Tree {
         request.attribution = options.attribution.clone().unwrap_or_default();
         let in_degrees = coordinates.map(coordinates_of).transpose()? == Some(Coordinates::LONLAT);
         if let (true, Some(window)) = (in_degrees, window) {
-            // (The cells around it would reach farther.)
+            // (The cells that contain the window would cover a larger box.)
             request.degrees = Some(window.extract()?);
         } else if let Some(bounds) = part_of(tree, window, coordinates)? {
             let frame = tree.metadata().frame.shifted(bounds.min.map(|cell| cell as f64));

@@ -1,4 +1,4 @@
-//! Options of trees of features.
+//! Options of trees built from features.
 
 use pyo3::prelude::*;
 use spinney::import::feature::RasterizeOptions;
@@ -11,7 +11,7 @@ use crate::error::{OrRaise, invalid};
 use crate::samples::sample_of;
 
 impl FileOptions {
-    /// All that is asked of features.
+    /// Returns the options for features.
     pub(crate) fn features(&self) -> PyResult<RasterizeOptions> {
         if self.bands.is_some()
             || self.nodata.is_some()
@@ -70,7 +70,7 @@ impl FileOptions {
         Ok(options)
     }
 
-    /// Whether something is asked that is for features alone.
+    /// Returns whether an option is set that only features have.
     pub(crate) fn has_feature_options(&self) -> bool {
         self.value.is_some()
             || self.overlaps.is_some()
@@ -81,7 +81,7 @@ impl FileOptions {
     }
 }
 
-/// The type of samples that NumPy names so.
+/// Returns the sample type with this NumPy name.
 fn sample_type(name: &str) -> PyResult<SampleType> {
     sample_of(name).ok_or_else(|| invalid(format!("dtype: {name}, expected a number's type that trees have")))
 }

@@ -1,4 +1,4 @@
-//! Features over the cells of trees: for edits, combinations and searches.
+//! Features rasterized to the cells of a tree, for edits, combinations and searches.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use spinney::{Coordinates, Header, Metadata, Number, Progress, Rule};
 use crate::error::{OrRaise, invalid};
 use crate::part::coordinates_of;
 
-/// A file of features, and how its cells are told, by name as Python gives them.
+/// Feature file, and the options of its rasterization, by their names in Python.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct FeatureTerms<'py> {
@@ -24,14 +24,14 @@ pub(crate) struct FeatureTerms<'py> {
     overlaps: Option<String>,
 }
 
-/// Features that are to be laid over a tree.
+/// Features to be rasterized to a tree's cells.
 pub(crate) struct Features {
     pub(crate) path: PathBuf,
     coordinates: Option<Coordinates>,
     options: Asked,
 }
 
-/// Terms of a question, as they were read.
+/// Parsed options.
 struct Asked {
     filter: spinney::import::feature::FeatureFilter,
     edge: spinney::query::EdgeRule,
@@ -40,7 +40,7 @@ struct Asked {
 }
 
 impl FeatureTerms<'_> {
-    /// Reads what was said.
+    /// Parses the options.
     pub(crate) fn read(self) -> PyResult<Features> {
         let filter = self.filter.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
         let edge = self.edge.map(|text| text.parse()).transpose().or_raise()?.unwrap_or_default();
@@ -51,7 +51,7 @@ impl FeatureTerms<'_> {
     }
 }
 
-/// The value that features give their cells: a number for each channel, or the name of an attribute.
+/// Returns the value of features: a number for each channel, or the name of an attribute.
 fn value_of(texts: &[String]) -> PyResult<FeatureValue> {
     let numbers: Result<Vec<Number>, _> = texts.iter().map(|text| text.parse::<Number>()).collect();
     match (numbers, texts) {
@@ -63,7 +63,7 @@ fn value_of(texts: &[String]) -> PyResult<FeatureValue> {
 }
 
 impl Features {
-    /// The features over a tree with such a header and metadata.
+    /// Rasterizes the features to the cells of a tree with this header and metadata.
     pub(crate) fn over(
         &self,
         header: &Header,
@@ -81,7 +81,7 @@ impl Features {
     }
 }
 
-/// Operands by their places among all: trees, and what makes those of features.
+/// Returns the operand at an index: a tree, or features.
 pub(crate) fn operand<'a>(
     place: usize,
     path: &Path,
@@ -90,7 +90,7 @@ pub(crate) fn operand<'a>(
     MadeOperand { place, name: path.display().to_string(), make }
 }
 
-/// Whether a file is one of features, by its name.
+/// Returns whether a file's name is that of a feature file.
 #[pyfunction]
 #[pyo3(name = "is_feature_file")]
 pub(crate) fn is_features(py: Python<'_>, path: PathBuf) -> bool {

@@ -31,7 +31,7 @@ use crate::jobs::{self, Terms, access};
 use crate::numbers::{PyNumber, plain};
 use crate::packing::Packing;
 
-/// Fails if one of the inputs is the output.
+/// Fails if an input is the output file.
 pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
     match inputs.iter().find(|input| is_same_file(&file_of(input), output)) {
         Some(input) => {
@@ -41,12 +41,12 @@ pub(crate) fn check_output(inputs: &[PathBuf], output: &Path) -> PyResult<()> {
     }
 }
 
-/// Whether two names are names of one file.
+/// Returns whether two names refer to one file.
 pub(crate) fn is_same_file(a: &Path, b: &Path) -> bool {
     matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
-/// Measures of a tree that was made, by name.
+/// Returns the measures of a new tree, by name.
 fn outcome<'py>(py: Python<'py>, outcome: &Outcome) -> PyResult<Bound<'py, PyDict>> {
     let facts = PyDict::new(py);
     facts.set_item("extent", outcome.extent)?;
@@ -58,7 +58,7 @@ fn outcome<'py>(py: Python<'py>, outcome: &Outcome) -> PyResult<Bound<'py, PyDic
     Ok(facts)
 }
 
-/// A commit, by name.
+/// Returns the properties of a commit, by name.
 pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bound<'py, PyDict>> {
     let facts = PyDict::new(py);
     facts.set_item("number", commit.number)?;
@@ -71,12 +71,13 @@ pub(crate) fn commit_facts<'py>(py: Python<'py>, commit: &Commit) -> PyResult<Bo
     Ok(facts)
 }
 
-/// Steps as the command line has them.
+/// Parses view operations, written as on the command line.
 pub(crate) fn steps_of(texts: &[String]) -> PyResult<Vec<ViewStep>> {
     texts.iter().map(|step| step.parse().or_raise()).collect()
 }
 
-/// A file and steps, with the name of a way of resampling, and whether datums may be taken for others.
+/// Combines a file, view operations, the name of a resampling method, and whether ballpark datum
+/// shifts are allowed.
 pub(crate) fn chain_of(
     path: &Path,
     steps: Vec<ViewStep>,
@@ -89,7 +90,8 @@ pub(crate) fn chain_of(
     Ok(FileView { steps, moves, warp, access: access().clone(), ..FileView::of(path) })
 }
 
-/// The place that an operation fills, by a box of the world, or cells around the pictures.
+/// Returns the region that an operation fills: a box in world coordinates, or a margin in cells
+/// around the rasters.
 pub(crate) fn universe_of(
     operation: CombineOperation,
     within: Option<&[f64]>,
@@ -109,9 +111,9 @@ pub(crate) fn universe_of(
     Ok(universe)
 }
 
-/// Makes a tree of a file and the steps done to it.
+/// Builds a tree from a file and view operations.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn transform<'py>(
     py: Python<'py>,
     path: PathBuf,
@@ -168,7 +170,7 @@ pub(crate) fn reproject(
     jobs::run(py, terms, |work| reproject_features(&path, &options, work.create(&out)?, format, work))
 }
 
-/// Makes an exact model of another one that is moved; returns counts by name.
+/// Transforms an exact model into a new one; returns counts by name.
 fn transform_exact<'py>(
     py: Python<'py>,
     path: &Path,
@@ -202,9 +204,9 @@ fn transform_exact<'py>(
     Ok(facts)
 }
 
-/// Makes one tree of several.
+/// Combines trees into one.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn combine<'py>(
     py: Python<'py>,
     operation: &str,
@@ -274,7 +276,7 @@ pub(crate) fn combine<'py>(
     outcome(py, &made)
 }
 
-/// Makes an exact model of several; returns counts by name.
+/// Combines exact models into one; returns counts by name.
 fn combine_exact<'py>(
     py: Python<'py>,
     operation: CombineOperation,
@@ -304,7 +306,8 @@ fn combine_exact<'py>(
     Ok(facts)
 }
 
-/// How operands are brought to the first: extent, classes, units, and whether numbers are rounded.
+/// How operands are reconciled with the first: extent, classes, units, and whether numbers are
+/// rounded.
 #[derive(FromPyObject)]
 pub(crate) struct Reconcile(String, String, String, bool);
 
@@ -321,16 +324,16 @@ impl Reconcile {
     }
 }
 
-/// The operation of a name.
+/// Returns the operation with this name.
 pub(crate) fn named(name: &str, prefer: Prefer) -> PyResult<CombineOperation> {
     let operation = CombineOperation::named(name, prefer);
     operation.ok_or_else(|| invalid(format!("operation: `{name}` is none; see `spinney help combine`")))
 }
 
-/// Samples of two values that meet, and cells.
+/// Samples of two values at the same cells, and the number of these cells.
 type Pairs<'py> = Vec<(Option<Vec<Bound<'py, PyAny>>>, Option<Vec<Bound<'py, PyAny>>>, u64)>;
 
-/// Counts which values of one file meet which of another.
+/// Counts which values of one file coincide with which values of another.
 #[pyfunction]
 pub(crate) fn cross(
     py: Python<'_>,
@@ -348,10 +351,11 @@ pub(crate) fn cross(
     pairs.into_iter().map(|(first, second, cells)| Ok((value(first)?, value(second)?, cells))).collect()
 }
 
-/// Sums of differences, and the runs of paths in which they are.
+/// Sums of differences, and the differing path ranges.
 type Compared<'py> = ([u64; 5], Option<Bound<'py, PyArray2<u64>>>);
 
-/// Compares two trees: cells that have come, gone and changed, blocks and runs; the runs if they are asked for.
+/// Compares two trees. Returns the counts of added, removed and changed cells, of blocks and of
+/// ranges; on request also the ranges.
 #[pyfunction]
 pub(crate) fn diff<'py>(
     py: Python<'py>,
@@ -377,7 +381,7 @@ pub(crate) fn diff<'py>(
     Ok((sums, ranges.then(|| PyArray2::from_owned_array(py, list))))
 }
 
-/// Everything that is wrong with a file: places and problems.
+/// Returns all defects of a file: their locations and descriptions.
 #[pyfunction]
 pub(crate) fn verify(
     py: Python<'_>,
@@ -402,7 +406,7 @@ pub(crate) fn verify(
     Ok(findings.into_iter().map(|finding| (finding.place, finding.problem)).collect())
 }
 
-/// Writes a tree as it is, in the format that the output's name asks for.
+/// Writes an unchanged tree in the format of the output's name.
 #[pyfunction]
 pub(crate) fn convert(
     py: Python<'_>,
@@ -418,9 +422,9 @@ pub(crate) fn convert(
     jobs::run(py, terms, |work| spinney::convert(&path, share, work.create_tree(&out)?, how, work))
 }
 
-/// Adds a tree to a file as a layer; the commit's number, if the file has commits.
+/// Adds a tree to a file as a layer; returns the commit's number if the file has commits.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn add_layer(
     py: Python<'_>,
     path: PathBuf,
@@ -440,7 +444,7 @@ pub(crate) fn add_layer(
     })
 }
 
-/// Takes a layer out of a file; the commit's number, if the file has commits.
+/// Removes a layer from a file; returns the commit's number if the file has commits.
 #[pyfunction]
 pub(crate) fn drop_layer(
     py: Python<'_>,
@@ -460,7 +464,7 @@ fn note_of((time, author, message): (Option<i64>, String, String)) -> Note {
     Note { time, author, message }
 }
 
-/// Writes a tree of the numbers of the commits that changed each cell last.
+/// Writes a tree of the numbers of the commits that last changed each cell.
 #[pyfunction]
 pub(crate) fn blame(
     py: Python<'_>,
@@ -475,9 +479,9 @@ pub(crate) fn blame(
     jobs::run(py, terms, |work| ops::blame(&path, work.create_tree(&out)?, how, work))
 }
 
-/// Writes some commits of a file to a new one: the newest, or those with these numbers.
+/// Writes the newest commits of a file, or those with the given numbers, to a new file.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn compact<'py>(
     py: Python<'py>,
     path: PathBuf,
@@ -497,7 +501,7 @@ pub(crate) fn compact<'py>(
     made.iter().map(|commit| commit_facts(py, commit)).collect()
 }
 
-/// Makes an older commit the newest, where newer ones are damaged.
+/// Makes an older commit the newest if later commits are corrupt.
 #[pyfunction]
 pub(crate) fn recover<'py>(
     py: Python<'py>,
@@ -509,7 +513,7 @@ pub(crate) fn recover<'py>(
     commit_facts(py, &commit)
 }
 
-/// The commits of a file, the newest first.
+/// Returns the commits of a file, newest first.
 #[pyfunction]
 pub(crate) fn log<'py>(py: Python<'py>, path: PathBuf) -> PyResult<Vec<Bound<'py, PyDict>>> {
     let commits = jobs::run(py, Terms::default(), |work| {

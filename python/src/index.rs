@@ -1,28 +1,28 @@
-//! Indexes of arrays: whole numbers, slices and `...`, as NumPy's basic ones.
+//! Array indices as in NumPy's basic indexing: integers, slices and `...`.
 
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
 use pyo3::types::{PyEllipsis, PySlice, PyTuple};
 
-/// Cells along an axis that are asked for.
+/// Selected cells along an axis.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Along {
-    /// The first and one past the last in the order of the axis.
+    /// First cell, in the order of the axis; `end` is exclusive.
     pub(crate) first: u64,
     pub(crate) end: u64,
-    /// Steps between cells, backwards if negative.
+    /// Stride between cells, negative for reversed order.
     pub(crate) step: i64,
-    /// A single cell, whose axis the result does not have.
+    /// Whether this is a single cell; the result has no such axis.
     pub(crate) is_single: bool,
 }
 
 impl Along {
-    /// Number of cells.
+    /// Returns the number of cells.
     pub(crate) fn count(&self) -> u64 {
         (self.end - self.first).div_ceil(self.step.unsigned_abs())
     }
 
-    /// One of the cells, by its number in the order of the index.
+    /// Returns a cell by its number in the order of the index.
     pub(crate) fn at(&self, number: u64) -> u64 {
         let away = number * self.step.unsigned_abs();
         if self.step > 0 { self.first + away } else { self.end - 1 - away }
@@ -61,7 +61,7 @@ impl Along {
     }
 }
 
-/// The cells along each axis, of an array of such a shape, that an index asks for.
+/// Returns the cells along each axis that an index selects in an array of this shape.
 pub(crate) fn parse(key: &Bound<'_, PyAny>, shape: &[u64]) -> PyResult<Vec<Along>> {
     let keys: Vec<Bound<'_, PyAny>> = match key.cast::<PyTuple>() {
         Ok(tuple) => tuple.iter().collect(),

@@ -1,4 +1,5 @@
-//! Long work: on a thread of its own, while the calling one heeds Ctrl-C and tells how far it is.
+//! Long jobs: they run on a thread of their own, while the calling thread handles Ctrl-C and
+//! reports progress.
 
 use std::cell::{Cell, RefCell};
 use std::fs;
@@ -21,17 +22,17 @@ use spinney::{Error, FileAccess, Output, Progress};
 
 use crate::error::raised;
 
-/// Time between looks at signals.
+/// Time between checks for signals.
 const TICK: Duration = Duration::from_millis(50);
 
 thread_local! {
-    /// Whether the work of this thread should stop.
+    /// Set when the work of this thread should stop.
     static STOP: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
     /// Files that this thread refuses.
     static REFUSED: Cell<Refused> = const { Cell::new(Refused::NOTHING) };
 }
 
-/// Files that are refused, as by `--no-remote` and `--no-external` of the program.
+/// Refused files, as with the program's `--no-remote` and `--no-external`.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Refused {
     pub(crate) remote: bool,
@@ -41,34 +42,35 @@ pub(crate) struct Refused {
 impl Refused {
     pub(crate) const NOTHING: Refused = Refused { remote: false, external: false };
 
-    /// Files that this or the calling thread refuses.
+    /// Returns the files that this object or the calling thread refuses.
     pub(crate) fn or_thread(self) -> Refused {
         let of_thread = REFUSED.get();
         Refused { remote: self.remote || of_thread.remote, external: self.external || of_thread.external }
     }
 
-    /// How files are opened and created.
+    /// Returns how files are opened and created.
     pub(crate) fn access(self) -> &'static FileAccess {
         &ACCESSES[usize::from(self.remote) + 2 * usize::from(self.external)]
     }
 }
 
-/// Changes what the calling thread, and work that it starts, refuses; returns what it refused.
+/// Changes what the calling thread, and work that it starts, refuses; returns what it refused
+/// before.
 #[pyfunction]
 pub(crate) fn refuse(remote: bool, external: bool) -> (bool, bool) {
     let before = REFUSED.replace(Refused { remote, external });
     (before.remote, before.external)
 }
 
-/// How the module opens and creates files. A thread that waits for a remote file is cancelled when its work should stop, or where Python has
-/// a signal for it.
+/// How the module opens and creates files. A thread that waits for a remote file is cancelled when
+/// its work should stop, or when Python has a signal for it.
 static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     let mut options = RemoteOptions::default();
     options.is_stopped = || match STOP.with_borrow(Clone::clone) {
         Some(stop) => stop.load(Ordering::Relaxed),
         None => Python::attach(|py| py.check_signals().is_err()),
     };
-    // (As for the program.)
+    // (The program reads the same variable.)
     let seconds = std::env::var("SPINNEY_REMOTE_TIMEOUT").ok().and_then(|text| text.trim().parse().ok());
     if let Some(limit) = seconds.and_then(|seconds| Duration::try_from_secs_f64(seconds).ok()) {
         (options.limit, options.timeout) = (limit, limit / 2);
@@ -77,42 +79,43 @@ static ACCESS: LazyLock<FileAccess> = LazyLock::new(|| {
     {
         options.signed_urls = text.lines().map(|line| line.trim().to_string()).collect();
     }
-    // (Caches of its own: `set_cache_memory` changes their limit, and not that of other users of the library.)
+    // (Own caches, so that `set_cache_memory` changes their limit, and not that of other users of
+    // the library.)
     let access = FileAccess::new().unpacked_cache(FileAccess::new().unpacked().limit());
-    // (It fails where there is no directory for what is kept, and none is asked for.)
+    // (This fails if there is no directory for the cache and none is configured.)
     client(options).map_or(access.clone(), |client| access.remote(client))
 });
 
-/// Accesses that refuse nothing, remote files, external ones, and both. (They share their caches.)
+/// Accesses that refuse nothing, remote files, external files, and both. They share their caches.
 static ACCESSES: LazyLock<[FileAccess; 4]> = LazyLock::new(|| {
     let all = ACCESS.clone();
     let (remote, external) = (all.clone().no_remote(), all.clone().no_external());
     [all, remote.clone(), external, remote.no_external()]
 });
 
-/// How the calling thread opens and creates files.
+/// Returns how the calling thread opens and creates files.
 pub(crate) fn access() -> &'static FileAccess {
     REFUSED.get().access()
 }
 
-/// The process that has the usual pool of threads.
+/// Process that owns the default thread pool.
 static HOME: AtomicU32 = AtomicU32::new(0);
 
-/// Notes the process that imports the module.
+/// Records the process that imports the module.
 pub(crate) fn remember_process() {
     HOME.store(process::id(), Ordering::Relaxed);
 }
 
-/// Terms of long work: who is told what is done and the total, threads to work with, and bytes that the output may have at most. What is
-/// not said is as it is for the program.
+/// Terms of a long job: progress callback (completed and total work), number of threads, and
+/// maximum size of the output in bytes. An omitted term has the program's default.
 #[derive(Default, FromPyObject)]
 pub(crate) struct Terms(Option<Py<PyAny>>, Option<NonZeroUsize>, Option<u64>);
 
-/// Threads that are started at most, whatever is asked for: more only take memory.
+/// Maximum number of threads; a larger request would only take memory.
 const MAX_THREADS: usize = 256;
 
-/// Runs something on so many threads, or on the usual ones. A forked process has a copy of its parent's pool but none of its threads,
-/// and would wait for them for ever: it gets a pool of its own.
+/// Runs a job on `threads` threads, or on the default pool. A forked process has a copy of its
+/// parent's pool but none of its threads, and would wait for them forever: it gets its own pool.
 fn on_threads<R: Send>(
     threads: Option<NonZeroUsize>,
     job: impl FnOnce() -> spinney::Result<R> + Send,
@@ -120,7 +123,7 @@ fn on_threads<R: Send>(
     if threads.is_none() && process::id() == HOME.load(Ordering::Relaxed) {
         return job();
     }
-    // (0 are as many as there are processors.)
+    // (0 is one per processor.)
     let threads = threads.map_or(0, |threads| threads.get().min(MAX_THREADS));
     let pool = ThreadPoolBuilder::new().num_threads(threads).build().map_err(|cause| {
         let cause = std::io::Error::other(cause);
@@ -129,7 +132,7 @@ fn on_threads<R: Send>(
     pool.install(job)
 }
 
-/// How far the work is, and whether it should stop.
+/// Progress of a job, and whether it should stop.
 #[derive(Default)]
 pub(crate) struct Work {
     done: AtomicU64,
@@ -137,33 +140,33 @@ pub(crate) struct Work {
     stop: Arc<AtomicBool>,
     max_bytes: Option<u64>,
     warnings: Mutex<Vec<String>>,
-    /// An exception of what Python had to do for the work.
+    /// Exception raised by a Python function that the job called.
     failure: Mutex<Option<PyErr>>,
 }
 
 impl Work {
-    /// Starts a file, with the bytes that it may have.
+    /// Creates an output file, limited to `max_bytes`.
     pub(crate) fn create(&self, path: &Path) -> spinney::Result<Output> {
         access().create(path).map(|output| output.with_limit(self.max_bytes))
     }
 
-    /// Bytes that the output may have.
+    /// Returns the maximum size of the output in bytes.
     pub(crate) fn max_bytes(&self) -> Option<u64> {
         self.max_bytes
     }
 
-    /// Starts a tree's file.
+    /// Creates a tree file.
     pub(crate) fn create_tree(&self, path: &Path) -> spinney::Result<Output> {
         create_tree_file(path, access()).map(|output| output.with_limit(self.max_bytes))
     }
 
-    /// Notes an exception, and gives the error that ends the work.
+    /// Records an exception, and returns the error that ends the work.
     pub(crate) fn fail(&self, exception: PyErr) -> Error {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(exception);
         Error::Interrupted
     }
 
-    /// Raises Python's signals, and calls the callback if there is more to tell than the last time.
+    /// Raises pending Python signals, and calls the callback if there is new progress.
     fn attend(&self, py: Python<'_>, callback: Option<&Py<PyAny>>, told: &mut u64) -> PyResult<()> {
         py.check_signals()?;
         let (done, total) = (self.done.load(Ordering::Relaxed), self.total.load(Ordering::Relaxed));
@@ -193,18 +196,18 @@ impl Progress for Work {
     }
 }
 
-/// Warns as Python does.
+/// Issues a Python warning.
 pub(crate) fn warn(py: Python<'_>, text: &str) -> PyResult<()> {
     let text = std::ffi::CString::new(text.replace('\0', ""))?;
     PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 1)
 }
 
-/// Work of one thread, which is mostly done before a thread of its own would have begun: on the calling thread, which looks at signals
-/// now and then.
+/// Single-threaded work on the calling thread, which checks for signals from time to time. Most
+/// such work ends before a thread could have started.
 struct ShortWork {
-    /// How often it was asked whether to stop.
+    /// Number of calls of `interrupted`.
     asked: AtomicU64,
-    /// When signals were looked at, in milliseconds.
+    /// Time of the last check for signals, in milliseconds.
     attended: AtomicU64,
     began: Instant,
     failure: Mutex<Option<PyErr>>,
@@ -212,7 +215,7 @@ struct ShortWork {
 
 impl Progress for ShortWork {
     fn interrupted(&self) -> bool {
-        /// Questions between looks at the clock.
+        /// Calls between reads of the clock.
         const OFTEN: u64 = 1 << 4;
         if !self.asked.fetch_add(1, Ordering::Relaxed).is_multiple_of(OFTEN) {
             return false;
@@ -229,7 +232,8 @@ impl Progress for ShortWork {
     }
 }
 
-/// Does work of one thread without the interpreter's lock, on the calling thread, and stops it when Python has a signal.
+/// Runs single-threaded work on the calling thread, without the interpreter's lock. A Python signal
+/// cancels it.
 pub(crate) fn run_here<R: Send>(
     py: Python<'_>,
     job: impl FnOnce(&dyn Progress) -> spinney::Result<R> + Send,
@@ -247,7 +251,8 @@ pub(crate) fn run_here<R: Send>(
     }
 }
 
-/// Does long work without the interpreter's lock, and stops it when Python has a signal or the callback raises.
+/// Runs a long job without the interpreter's lock. A Python signal, or an exception of the
+/// callback, cancels it.
 pub(crate) fn run<R: Send>(
     py: Python<'_>,
     terms: Terms,
@@ -287,7 +292,7 @@ pub(crate) fn run<R: Send>(
         (Err(_), Some(exception)) => Err(exception),
         (Err(error), None) => Err(raised(error)),
         (Ok(result), failure) => {
-            // (A signal that came when all was done already still is one.)
+            // (A signal is still raised if it came after the work was done.)
             failure.map_or(Ok(()), Err)?;
             work.attend(py, callback.as_ref(), &mut told)?;
             Ok(result)

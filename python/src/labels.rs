@@ -11,8 +11,8 @@ use crate::jobs::{self, Terms};
 use crate::samples::{empty, with_bytes};
 use crate::tree::Tree;
 
-/// Labels, classes of components, cells, boxes, first cells, pairs of labels side by side, faces that these have in common; square metres of a cell, or
-/// its volume, if it is known.
+/// Labels, classes of components, cell counts, boxes, first cells, pairs of adjacent labels, and
+/// the faces that these share; then a cell's area in square metres, or its volume, if known.
 type Table<'py> = (
     Bound<'py, PyAny>,
     Option<Bound<'py, PyAny>>,
@@ -37,7 +37,8 @@ struct Columns {
 
 #[pymethods]
 impl Tree {
-    /// The table of all labels, or of the components of cells with so many neighbours.
+    /// Returns the table of all labels, or of the connected components; `connect` is the number of
+    /// neighbours per cell.
     #[pyo3(name = "_labels")]
     fn labels<'py>(
         &self,
@@ -93,7 +94,7 @@ impl Tree {
     }
 }
 
-/// An array of numbers that samples of a type can be.
+/// Returns an array of numbers that fit a sample type.
 fn array<'py>(
     py: Python<'py>,
     sample: SampleType,

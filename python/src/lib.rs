@@ -1,5 +1,5 @@
-//! The native part of the Python package `spinney`: as thin as the program's subcommands. What is only convenience is
-//! written in Python (`python/spinney/`).
+//! Native module of the Python package `spinney`, as thin as the program's subcommands.
+//! Conveniences are written in Python (`python/spinney/`).
 
 #[cfg(target_endian = "big")]
 compile_error!("samples are handed to NumPy as the library has them, which is little-endian");
@@ -44,7 +44,7 @@ mod zonal;
 
 use pyo3::prelude::*;
 
-/// Native part of the package `spinney`.
+/// Native module of the package `spinney`.
 #[pymodule]
 mod _native {
     #[pymodule_export]

@@ -1,4 +1,4 @@
-//! Trees of lines: open files of them, and what they tell.
+//! Line trees: open files and their metadata.
 
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -20,7 +20,7 @@ use crate::part::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
-/// A tree of lines in a file, open for questions from any number of threads.
+/// Line tree in an open file; any number of threads can query it.
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
 pub(crate) struct Lines {
     /// `None` when it is closed.
@@ -30,16 +30,17 @@ pub(crate) struct Lines {
     remote: RemoteAccess,
 }
 
-/// Distances and numbers of features, with a row for each place, and the nearest places, one behind the other.
+/// Distances and feature numbers, a row per point, and the nearest points, concatenated.
 type Near<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<f64>>);
 
-/// Numbers of features, of lines that they cross, and places, one behind the other.
+/// Feature numbers, numbers of the lines that cross them, and crossing points, concatenated.
 type Crossed<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
 /// A feature: its number, the vertices of its lines, and the values of its attributes.
 type Row<'py> = (u64, Vec<Vec<[f64; 2]>>, Vec<Bound<'py, PyAny>>);
 
-/// Numbers, pieces and length of the nodes of a level.
+/// Nodes of a level, their segments, the segments' length, and the maximum numbers of segments and
+/// features below a node.
 type Level = (u64, u64, f64, u64, u64);
 
 impl Lines {
@@ -49,7 +50,7 @@ impl Lines {
     }
 }
 
-/// A value as Python has it.
+/// Returns a value as a Python object.
 fn value_of<'py>(py: Python<'py>, value: &LineValue) -> PyResult<Bound<'py, PyAny>> {
     Ok(match value {
         LineValue::None => py.None().into_bound(py),
@@ -75,7 +76,7 @@ impl Lines {
         Ok(Lines { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
-    /// Forgets the file; whoever is reading it at the moment can finish.
+    /// Closes the file; running reads can finish.
     fn close(&self) {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
     }
@@ -90,7 +91,7 @@ impl Lines {
         path_object(py, &self.path)
     }
 
-    /// Options of the store, and the file that Python reads.
+    /// Returns the store's options, and the file that Python reads.
     #[getter]
     fn _remote(&self) -> &RemoteAccess {
         &self.remote
@@ -105,7 +106,7 @@ impl Lines {
         Ok(self.get()?.len() as usize)
     }
 
-    /// Facts that are known without looking at lines, by name.
+    /// Returns the metadata that needs no lines, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let tree = self.get()?;
@@ -123,7 +124,8 @@ impl Lines {
         Ok(facts)
     }
 
-    /// Nodes, pieces of their own, their length, and at most pieces and features below, of each level.
+    /// Returns for each level the number of nodes, the number and length of their own segments, and
+    /// the maximum numbers of segments and features below a node.
     #[pyo3(name = "_levels")]
     fn levels(&self) -> PyResult<Vec<Level>> {
         let levels = self.get()?.levels().or_raise()?;
@@ -133,7 +135,7 @@ impl Lines {
         Ok(levels.into_iter().map(row).collect())
     }
 
-    /// Numbers of the features that pass through a window.
+    /// Returns the numbers of the features that intersect a window.
     #[pyo3(name = "_window")]
     fn window<'py>(
         &self,
@@ -147,7 +149,7 @@ impl Lines {
         Ok(PyArray1::from_vec(py, numbers.into_iter().map(|number| number as i64).collect()))
     }
 
-    /// Whole features: all, or those with numbers that ascend.
+    /// Returns whole features: all, or those with the given ascending numbers.
     #[pyo3(name = "_features")]
     fn features<'py>(
         &self,
@@ -180,7 +182,8 @@ impl Lines {
         found.into_iter().map(row).collect()
     }
 
-    /// Distances, features and places of the lines nearest to places: infinite, -1 and NaN where there are fewer.
+    /// Returns distances, features and positions on the lines nearest to points; infinity, -1 and
+    /// NaN where there are fewer.
     #[pyo3(name = "_nearest")]
     fn nearest<'py>(
         &self,
@@ -218,7 +221,7 @@ impl Lines {
         Ok((distances, PyArray1::from_vec(py, features).reshape(shape)?, PyArray1::from_vec(py, found)))
     }
 
-    /// Crossings with lines, touching included: numbers of features, of the lines, and places.
+    /// Returns crossings with lines, touching included: feature numbers, line numbers, and points.
     #[pyo3(name = "_crossings")]
     fn crossings<'py>(
         &self,
@@ -238,7 +241,7 @@ impl Lines {
         Ok((PyArray1::from_vec(py, features), PyArray1::from_vec(py, lines), PyArray1::from_vec(py, places)))
     }
 
-    /// Writes whole features, all or those with numbers that ascend; returns how many.
+    /// Writes whole features, all or those with the given ascending numbers; returns their number.
     #[pyo3(name = "_write")]
     fn write(
         &self,
@@ -260,11 +263,13 @@ impl Lines {
     }
 }
 
-/// Terms of building a tree of lines: pieces of a leaf, the coordinate system, names of attributes, bytes of memory, conditions, and what the features come from.
+/// Options of building a line tree: segments per leaf, coordinate system, attribute names, memory
+/// in bytes, conditions, and what the features were made from.
 #[derive(FromPyObject)]
 pub(crate) struct LineTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>, String);
 
-/// Builds a tree of lines of a file of features; returns the numbers of features and pieces, and the length.
+/// Builds a line tree from a feature file; returns the number of features and segments, and the
+/// length.
 #[pyfunction]
 pub(crate) fn build_line_file(
     py: Python<'_>,

@@ -7,12 +7,12 @@ use spinney::raw::import::mesh::{MeshArrays, MeshColours, Model};
 
 use crate::error::invalid;
 
-/// Copies of the arrays of meshes, which the package's `_meshes.py` has checked and named.
+/// Copies the arrays of meshes, which `_meshes.py` has checked and named.
 pub(crate) fn arrays_of(meshes: &[Bound<'_, PyDict>]) -> PyResult<Vec<MeshArrays>> {
     meshes.iter().map(mesh_of).collect()
 }
 
-/// Meshes as models to build of.
+/// Converts meshes to importable models.
 pub(crate) fn models_of(meshes: Vec<MeshArrays>) -> spinney::Result<Vec<Box<dyn Model>>> {
     meshes.into_iter().map(MeshArrays::model).collect()
 }

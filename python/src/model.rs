@@ -1,4 +1,4 @@
-//! Exact models: open files of them, and what they tell.
+//! Exact models: open files and their metadata.
 
 use std::path::PathBuf;
 use std::sync::{Arc, PoisonError, RwLock};
@@ -27,20 +27,20 @@ use crate::packing::Packing;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
-/// An exact model in a file, open for questions from any number of threads.
+/// Exact model in an open file; any number of threads can query it.
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
 pub(crate) struct Model {
     /// `None` when it is closed.
     opened: RwLock<Option<Arc<ModelView>>>,
     path: PathBuf,
-    /// Steps that it is seen through.
+    /// View operations.
     steps: Vec<ViewStep>,
     positioned: bool,
     remote: RemoteAccess,
 }
 
 impl Model {
-    /// The open file, as it is seen.
+    /// Returns the open file, with its view operations.
     pub(crate) fn get(&self) -> PyResult<Arc<ModelView>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
@@ -50,13 +50,14 @@ impl Model {
 /// Distances from the surface (negative inside), its nearest points, and their faces.
 type Nearest<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>);
 
-/// Answers for each of some points, on all processors.
+/// Computes a result for each point, on all processors.
 pub(crate) fn each<R: Send>(
     points: &[f64],
     work: &dyn Progress,
     answer: impl Fn(usize, [f64; 3]) -> Result<R> + Sync,
 ) -> Result<Vec<R>> {
-    /// Points whose progress is told together, and of one thread at a time, before it looks at whether to stop.
+    /// Points between progress reports, and points that a thread processes between checks for
+    /// cancellation.
     const BATCH: usize = 1 << 16;
     const PART: usize = 1 << 9;
     let (points, _) = points.as_chunks::<3>();
@@ -115,7 +116,7 @@ impl Model {
         Ok(Model { opened: RwLock::new(Some(Arc::new(view))), path, steps, positioned, remote })
     }
 
-    /// Forgets the file; whoever is reading it at the moment can finish.
+    /// Closes the file; running reads can finish.
     fn close(&self) {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
     }
@@ -130,13 +131,13 @@ impl Model {
         path_object(py, &self.path)
     }
 
-    /// Options of the store, and the file that Python reads.
+    /// Returns the store's options, and the file that Python reads.
     #[getter]
     fn _remote(&self) -> &RemoteAccess {
         &self.remote
     }
 
-    /// Steps that the file is seen through.
+    /// Returns the view operations.
     #[getter]
     fn view(&self) -> Vec<String> {
         self.steps.iter().map(ViewStep::to_string).collect()
@@ -147,7 +148,8 @@ impl Model {
         self.positioned
     }
 
-    /// Raises OSError if the file was overwritten since it was opened. Of a remote file its host is asked, with one request.
+    /// Raises OSError if the file was overwritten since it was opened. For a remote file this is
+    /// one request.
     fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
         let model = self.get()?;
         py.detach(|| model.file().check_unchanged().and_then(|()| model.file().check_remote())).or_raise()
@@ -157,7 +159,7 @@ impl Model {
         Ok(self.get()?.file().len() as usize)
     }
 
-    /// Facts that are known without looking at faces, by name.
+    /// Returns the metadata that needs no faces, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let view = self.get()?;
@@ -185,7 +187,7 @@ impl Model {
         py.detach(|| model.bounds()).or_raise()
     }
 
-    /// Volume, centre, moments, area, by name.
+    /// Returns volume, centre, moments and area, by name.
     #[pyo3(name = "_mass")]
     fn mass<'py>(&self, py: Python<'py>, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
@@ -195,7 +197,7 @@ impl Model {
             Ok(mass)
         })?;
         let facts = PyDict::new(py);
-        // (Degrees and heights have no unit in common.)
+        // (Horizontal degrees and vertical units have no common unit.)
         let is_known = model.file().metadata().frame.cell_volume().is_ok();
         let known = |measure: f64| if is_known { measure } else { f64::NAN };
         facts.set_item("volume", known(mass.volume))?;
@@ -206,7 +208,7 @@ impl Model {
         Ok(facts)
     }
 
-    /// Numbers of vertices, edges, faces, inner rings, shells, boundaries and handles.
+    /// Returns the numbers of vertices, edges, faces, inner rings, shells, boundaries and handles.
     #[pyo3(name = "_euler")]
     fn euler<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let model = self.get()?;
@@ -223,7 +225,7 @@ impl Model {
         Ok(facts)
     }
 
-    /// 1 for points inside, 0 on the surface, -1 outside.
+    /// Returns 1 for points inside, 0 on the surface, -1 outside.
     #[pyo3(name = "_locate")]
     fn locate<'py>(
         &self,
@@ -247,7 +249,7 @@ impl Model {
         Ok(PyArray1::from_vec(py, found))
     }
 
-    /// The nearest points of the surface.
+    /// Returns the nearest points on the surface.
     #[pyo3(name = "_nearest")]
     fn nearest<'py>(
         &self,
@@ -280,7 +282,7 @@ impl Model {
         ))
     }
 
-    /// Where a box lies: "inside", "outside" or "cut".
+    /// Classifies a box as "inside", "outside" or "cut".
     #[pyo3(name = "_place_of_box")]
     fn locate_box(&self, py: Python<'_>, min: [f64; 3], max: [f64; 3]) -> PyResult<&'static str> {
         let model = self.get()?;
@@ -292,7 +294,7 @@ impl Model {
         })
     }
 
-    /// The part of a cell that is inside: share, volume, centre.
+    /// Returns the share, volume and centre of a cell's interior.
     #[pyo3(name = "_coverage")]
     fn coverage(
         &self,
@@ -308,7 +310,8 @@ impl Model {
         Ok((found.share, found.volume, found.centre))
     }
 
-    /// Writes the faces as a mesh; returns vertices and faces, and corners that single precision has moved.
+    /// Writes the faces as a mesh; returns the number of vertices, of faces, and of vertices that
+    /// single precision has moved.
     #[pyo3(name = "_export")]
     fn export(&self, py: Python<'_>, path: PathBuf, terms: Terms) -> PyResult<(u64, u64, u64)> {
         let model = self.get()?;
@@ -326,7 +329,7 @@ impl Model {
     }
 }
 
-/// Options of an exact model.
+/// Options of building an exact model.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ModelOptions {
@@ -345,7 +348,7 @@ pub(crate) struct ModelOptions {
     memory: u64,
 }
 
-/// Builds an exact model of mesh files and of meshes in memory; returns counts by name.
+/// Builds an exact model from mesh files and meshes in memory; returns counts by name.
 #[pyfunction]
 #[pyo3(signature = (paths, meshes, out, options, terms))]
 pub(crate) fn build_brep<'py>(

@@ -14,10 +14,10 @@ use crate::error::OrRaise;
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
-/// A box of the world: least and greatest coordinates.
+/// Box in world coordinates: minimum and maximum.
 type WorldBox = [[f64; 3]; 2];
 
-/// Lists that faces become.
+/// Output arrays of faces.
 #[derive(Default)]
 struct Lists {
     known: HashMap<[i32; 3], i64>,
@@ -32,7 +32,7 @@ struct Lists {
 }
 
 impl Lists {
-    /// The number of the vertex at a corner.
+    /// Returns the number of the vertex at a grid point.
     fn vertex(&mut self, model: &ExactModel, point: [i32; 3]) -> i64 {
         let next = self.known.len() as i64;
         *self.known.entry(point).or_insert_with(|| {
@@ -55,12 +55,13 @@ impl Lists {
         self.sources.push(face.source as i64);
     }
 
-    /// Adds a face as triangles, which are its corners then.
+    /// Adds a face as triangles.
     fn push_triangles(&mut self, model: &ExactModel, face: &Face<'_>, triangulator: &mut Triangulator) {
         let points: Vec<[i64; 3]> = face.points.iter().map(|point| point.map(i64::from)).collect();
         let mut triangles = Vec::new();
         if !triangulator.triangulate(&points, face.ring_ends, &mut triangles) {
-            // Without area, or crossing itself; its edges are what its neighbours rely on.
+            // The face has no area, or intersects itself. Its edges are kept as a fan, since
+            // neighbouring faces rely on them.
             let ring = join_rings(&points, face.ring_ends);
             let rest = ring.get(1..).unwrap_or_default();
             triangles.extend(rest.windows(2).map(|pair| [ring[0], pair[0], pair[1]]));
@@ -75,12 +76,12 @@ impl Lists {
     }
 }
 
-/// Whether two boxes have a point in common.
+/// Returns whether two boxes intersect.
 fn meet(a: &WorldBox, b: &WorldBox) -> bool {
     (0..3).all(|axis| a[0][axis] <= b[1][axis] && b[0][axis] <= a[1][axis])
 }
 
-/// Numbers of the faces that cut leaves which a box meets.
+/// Collects the numbers of the faces in those leaves that a box intersects.
 fn numbers_in(
     model: &ExactModel,
     node: &ModelNode<'_>,
@@ -99,7 +100,7 @@ fn numbers_in(
     Ok(())
 }
 
-/// Hands out all faces, or those whose own boxes meet a box.
+/// Visits all faces, or those whose own boxes intersect a box.
 fn each(
     model: &ExactModel,
     part: Option<&WorldBox>,
@@ -139,19 +140,19 @@ fn each(
     model.check_unchanged()
 }
 
-/// Vertices, triangles, and numbers of their faces.
+/// Vertices, triangles, and the triangles' face numbers.
 type Triangles<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>, Bound<'py, PyArray1<i64>>);
 
 #[pymethods]
 impl Model {
-    /// Names of the columns of values of faces.
+    /// Returns the names of the face value columns.
     #[pyo3(name = "_face_columns")]
     fn face_columns(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let model = self.get()?;
         py.detach(|| model.file().value_columns()).or_raise()
     }
 
-    /// Values of faces in a column with a number, JSON texts, with the numbers of the faces.
+    /// Returns the values in a column, as JSON, with their face numbers.
     #[pyo3(name = "_face_values")]
     fn face_values(&self, py: Python<'_>, column: u32, terms: Terms) -> PyResult<Vec<(u32, String)>> {
         let model = self.get()?;
@@ -169,7 +170,7 @@ impl Model {
         })
     }
 
-    /// Faces as arrays, by name: all, or those whose boxes meet a box.
+    /// Returns faces as arrays, by name: all, or those whose boxes intersect a box.
     #[pyo3(name = "_face_arrays")]
     fn face_arrays<'py>(
         &self,
@@ -198,7 +199,7 @@ impl Model {
         Ok(facts)
     }
 
-    /// Faces cut into triangles: all, or those whose boxes meet a box.
+    /// Returns triangulated faces: all, or those whose boxes intersect a box.
     #[pyo3(name = "_triangle_arrays")]
     fn triangle_arrays<'py>(
         &self,

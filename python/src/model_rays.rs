@@ -1,4 +1,4 @@
-//! Rays through exact models, from arrays to arrays.
+//! Ray casting in exact models, from arrays to arrays.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -10,16 +10,17 @@ use crate::error::invalid;
 use crate::jobs::{self, Terms};
 use crate::model::Model;
 
-/// Rays whose progress is told together.
+/// Rays between progress reports.
 const BATCH: usize = 1 << 17;
-/// Rays of one thread before it looks at whether to stop, at most and at least.
+/// Maximum and minimum number of rays that a thread processes between checks for cancellation.
 const PART: usize = 1 << 13;
 const MIN_PART: usize = 1 << 8;
 
 /// An origin and a direction.
 type Ray = [[f64; 3]; 2];
 
-/// Distances along rays (NaN where nothing is hit), points, faces and parts (-1 where nothing is hit), whether rays come from outside.
+/// Distances along rays (NaN without a hit), points, faces and parts (-1 without a hit), and
+/// whether rays arrive from outside.
 type Hits<'py> = (
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray2<f64>>,
@@ -28,7 +29,7 @@ type Hits<'py> = (
     Bound<'py, PyArray1<bool>>,
 );
 
-/// Lists that become arrays.
+/// Output arrays.
 #[derive(Default)]
 struct Lists {
     distances: Vec<f64>,
@@ -69,7 +70,7 @@ impl Lists {
     }
 }
 
-/// Checks rays that are given.
+/// Checks input rays.
 fn check(origins: &[f64], directions: &[f64]) -> PyResult<()> {
     let is_direction = |d: &[f64]| d.iter().all(|x| x.is_finite()) && d.iter().any(|x| *x != 0.0);
     let are_rays = origins.len() == directions.len()
@@ -80,7 +81,8 @@ fn check(origins: &[f64], directions: &[f64]) -> PyResult<()> {
         .ok_or_else(|| invalid("rays: expected finite origins, and as many directions other than 0"))
 }
 
-/// Answers for rays in the order in which they are given, on all processors: hands out what `answer` makes of some that follow each other.
+/// Computes results for rays on all processors: passes `answer`'s result for each run of
+/// consecutive rays to `take`, in input order.
 fn each_part<R: Send>(
     (origins, directions): (&[f64], &[f64]),
     work: &dyn spinney::Progress,
@@ -109,7 +111,7 @@ fn each_part<R: Send>(
 
 #[pymethods]
 impl Model {
-    /// Where rays meet the surface first.
+    /// Returns the first hits of rays.
     #[pyo3(name = "_cast_rays")]
     fn cast_rays<'py>(
         &self,
@@ -133,7 +135,7 @@ impl Model {
         lists.into_arrays(py)
     }
 
-    /// All places where rays pass through the surface, and how many each has.
+    /// Returns all points where rays cross the surface, and their number per ray.
     #[pyo3(name = "_cross_rays")]
     fn cross_rays<'py>(
         &self,

@@ -1,4 +1,4 @@
-//! Shells of exact models, their parts with what is said of them, and which of these meet.
+//! Shells of exact models, parts with their attributes, and contacts between parts.
 
 use std::path::PathBuf;
 
@@ -15,13 +15,15 @@ use spinney::raw::import::mesh;
 use crate::jobs::{self, Terms, access};
 use crate::model::Model;
 
-/// Measures of an object: whether it is closed, its volume, area, and least and greatest coordinates.
+/// Measures of an object: whether it is closed, its volume, its area, and its minimum and maximum
+/// coordinates.
 type Measures = (bool, Option<f64>, f64, Option<[[f64; 3]; 2]>);
 
 /// Name, attributes, and measures.
 type Object = (String, Option<String>, Option<Measures>);
 
-/// Names and numbers of two objects, how they meet, the volume and area that they have in common, and a place there.
+/// Names and numbers of two objects, their kind of contact, their common volume and area, and a
+/// point of the contact.
 type Contact = ([String; 2], [u32; 2], &'static str, f64, f64, [f64; 3]);
 
 fn contact_of(names: [String; 2], contact: &ObjectContact) -> Contact {
@@ -29,7 +31,7 @@ fn contact_of(names: [String; 2], contact: &ObjectContact) -> Contact {
     (names, *parts, kind.name(), *volume, *area, *place)
 }
 
-/// Pairs of objects of mesh files that overlap or touch.
+/// Returns pairs of objects in mesh files that overlap or touch.
 #[pyfunction]
 #[pyo3(signature = (paths, snap, memory, terms))]
 pub(crate) fn object_contacts(
@@ -58,7 +60,8 @@ pub(crate) fn object_contacts(
 
 #[pymethods]
 impl Model {
-    /// Numbers of the entities of each shell, its handles (-1 where that is no number), its volume, and the shell of each face.
+    /// Returns per shell the entity counts, handles (-1 if that is not an integer), and volume, and
+    /// the shell of each face.
     #[pyo3(name = "_shells")]
     fn shells<'py>(&self, py: Python<'py>, memory: u64, terms: Terms) -> PyResult<Bound<'py, PyDict>> {
         let view = self.get()?;
@@ -95,8 +98,9 @@ impl Model {
         Ok(facts)
     }
 
-    /// Names of the parts, the JSON object that says something of each, and, of those with faces, whether they are closed, their volumes
-    /// (`None` where that is no number), areas, and least and greatest coordinates.
+    /// Returns for each part its name and attributes (a JSON object), and for parts with faces
+    /// whether they are closed, their volume (`None` if open), area, and minimum and maximum
+    /// coordinates.
     #[pyo3(name = "_objects")]
     fn objects(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Object>> {
         let view = self.get()?;
@@ -116,7 +120,7 @@ impl Model {
         })
     }
 
-    /// Pairs of objects that touch.
+    /// Returns pairs of objects that touch.
     #[pyo3(name = "_contacts")]
     fn contacts(&self, py: Python<'_>, memory: u64, terms: Terms) -> PyResult<Vec<Contact>> {
         let view = self.get()?;

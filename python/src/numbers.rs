@@ -1,4 +1,4 @@
-//! Numbers that are single samples, on their way from and to Python: integers stay exact.
+//! Single samples, converted from and to Python; integers stay exact.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyInt};
 use spinney::{Number, SampleType};
 
-/// A number that Python has given: an int (also one of NumPy), or a float.
+/// Number from Python: an int (also NumPy's), or a float.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PyNumber(pub(crate) Number);
 
@@ -16,7 +16,7 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         if !object.is_instance_of::<PyFloat>() {
-            // (What has an index is an integer.)
+            // (An object with `__index__` is an integer.)
             if let Ok(number) = object.extract::<u64>() {
                 return Ok(PyNumber(number.into()));
             }
@@ -29,13 +29,15 @@ impl<'py> FromPyObject<'_, 'py> for PyNumber {
                 object.get_type().name().map_or_else(|_| "something else".into(), |name| name.to_string());
             PyTypeError::new_err(format!("expected a number, got {kind}"))
         })?;
-        // (An integer of more than 64 bits is as near as a float comes, but must not become one that fits: -2^63 - 1 is not -2^63.)
+        // (An integer of more than 64 bits is rounded to a float, but must not become one that
+        // fits: -2^63 - 1 is not -2^63.)
         let is_wide = object.is_instance_of::<PyInt>();
         Ok(PyNumber(if is_wide && number == i64::MIN as f64 { number.next_down() } else { number }.into()))
     }
 }
 
-/// A number for Python: an int of integer samples, if it is one (`1e3` in a file is), a float of others.
+/// Converts a number for Python: to an int if samples are integers and it is one (as `1e3` in a
+/// file), else to a float.
 pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
     Ok(match number.to_integer().filter(|_| !sample.is_float()) {
         Some(number) => number.into_pyobject(py)?.into_any(),
@@ -43,7 +45,7 @@ pub(crate) fn told<'py>(py: Python<'py>, number: Number, sample: SampleType) -> 
     })
 }
 
-/// A number for Python: an int if it is one, else a float.
+/// Converts a number for Python: to an int if it is one, else to a float.
 pub(crate) fn plain(py: Python<'_>, number: Number) -> PyResult<Bound<'_, PyAny>> {
     Ok(match number {
         Number::Unsigned(number) => number.into_pyobject(py)?.into_any(),
@@ -52,7 +54,7 @@ pub(crate) fn plain(py: Python<'_>, number: Number) -> PyResult<Bound<'_, PyAny>
     })
 }
 
-/// Names of classes for Python, by value.
+/// Returns class names for Python, by value.
 pub(crate) fn told_names<'py>(
     py: Python<'py>,
     names: &BTreeMap<Number, String>,
@@ -61,7 +63,7 @@ pub(crate) fn told_names<'py>(
     names.iter().map(|(value, name)| Ok((told_class(py, *value, sample)?, name.clone()))).collect()
 }
 
-/// The value of a class for Python: an int where it is one, whatever the samples are.
+/// Converts a class value for Python: to an int if it is one, whatever the sample type.
 fn told_class<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyResult<Bound<'py, PyAny>> {
     match number.to_integer() {
         Some(number) => Ok(number.into_pyobject(py)?.into_any()),
@@ -69,7 +71,7 @@ fn told_class<'py>(py: Python<'py>, number: Number, sample: SampleType) -> PyRes
     }
 }
 
-/// Names of classes that Python has given.
+/// Converts class names from Python.
 pub(crate) fn names_of(names: &BTreeMap<PyNumber, String>) -> BTreeMap<Number, String> {
     names.iter().map(|(value, name)| (value.0, name.clone())).collect()
 }

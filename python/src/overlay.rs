@@ -13,16 +13,16 @@ use crate::error::{OrRaise, invalid};
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 
-/// A region that limits a result: a box, or a file of polygons.
+/// Region that limits a result: a box, or a file of polygons.
 #[derive(FromPyObject)]
 pub(crate) enum Region {
     Box(Vec<f64>),
     Polygons(PathBuf),
 }
 
-/// Writes what an operation makes of the polygons of files; returns counts by name.
+/// Writes the result of a set operation on the polygons of files; returns counts by name.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn combine_polygons<'py>(
     py: Python<'py>,
     operation: &str,

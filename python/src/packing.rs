@@ -1,4 +1,4 @@
-//! Packing of trees that are written, and the cache of what is unpacked.
+//! Packing of new trees, and the cache of unpacked segments.
 
 use pyo3::prelude::*;
 use spinney::raw::store;
@@ -7,7 +7,7 @@ use spinney::{Codec, WriteOptions};
 use crate::error::{OrRaise, invalid};
 use crate::jobs::access;
 
-/// Packing of segments: the name of the codec, and the maximum error, if there is one.
+/// Packing of segments: name of the codec, and optionally the maximum error.
 #[derive(Clone, Copy)]
 pub(crate) struct Packing(pub(crate) store::Packing);
 
@@ -25,12 +25,12 @@ impl<'py> FromPyObject<'_, 'py> for Packing {
 }
 
 impl Packing {
-    /// The way in which a tree is written, with so much memory.
+    /// Returns the write options for a tree, with `memory` bytes.
     pub(crate) fn with(self, memory: u64) -> WriteOptions {
         WriteOptions::new(memory).packing(self.0)
     }
 
-    /// The codec of an exact model, in which nothing is rounded.
+    /// Returns the codec for an exact model, which allows no rounding.
     pub(crate) fn of_model(self) -> PyResult<Codec> {
         match self.0.max_error {
             None => Ok(self.0.codec),
@@ -39,7 +39,7 @@ impl Packing {
     }
 }
 
-/// Changes how many bytes of packed segments, unpacked, are kept for the next use.
+/// Sets the size in bytes of the cache of unpacked segments.
 #[pyfunction]
 pub(crate) fn set_cache_memory(bytes: u64) {
     access().unpacked().set_limit(bytes);

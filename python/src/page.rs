@@ -1,4 +1,4 @@
-//! Pages that show files in a browser, and in notebooks.
+//! Pages that show files in browsers and notebooks.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use crate::error::OrRaise;
 use crate::files::check_output;
 use crate::jobs::{self, Terms};
 
-/// Layer, commit and style that a page begins with.
+/// Initial layer, commit and style of a page.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct Start {
@@ -30,7 +30,7 @@ impl Start {
     }
 }
 
-/// Writes a page for a file; returns how many files that are.
+/// Writes a page for a file; returns the number of files written.
 #[pyfunction]
 pub(crate) fn write_page(
     py: Python<'_>,
@@ -48,7 +48,8 @@ pub(crate) fn write_page(
     Ok(made.files)
 }
 
-/// The HTML of a page inside another one, which asks that for the file's bytes.
+/// Returns the HTML of a page to be embedded in another one, from which it requests the file's
+/// bytes.
 #[pyfunction]
 pub(crate) fn page_html(name: String, title: String, size: u64, start: Start) -> PyResult<String> {
     let start = start.page_start()?;

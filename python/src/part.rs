@@ -1,4 +1,4 @@
-//! Parts of trees as Python programs give them: windows of cells, or of other coordinates.
+//! Regions of trees as given by Python programs: windows of cells, or of other coordinates.
 
 use pyo3::exceptions::{PyIndexError, PyTypeError};
 use pyo3::prelude::*;
@@ -6,8 +6,8 @@ use spinney::{Bounds, CellLocator, Coordinates, Dataset};
 
 use crate::error::{OrRaise, invalid};
 
-/// The cells of the deepest level that a window means: of cells, a first one and numbers of them; in other coordinates least and
-/// greatest ones. `None` if none is given.
+/// Returns the cells of the deepest level in a window: first cell and size in cells, or minimum and
+/// maximum in other coordinates. Returns `None` if no window is given.
 pub(crate) fn part_of(
     tree: &Dataset,
     window: Option<&Bound<'_, PyAny>>,
@@ -24,7 +24,8 @@ pub(crate) fn part_of(
     }
 }
 
-/// Coordinates by name (`cells`, `world`, `lonlat`), or a coordinate system as text or as an object that has one.
+/// Parses coordinates: a name (`cells`, `world`, `lonlat`), or a coordinate system as a string or
+/// as an object that has one.
 pub(crate) fn coordinates_of(given: &Bound<'_, PyAny>) -> PyResult<Coordinates> {
     let text = match given.extract::<String>() {
         Ok(text) => text,
@@ -36,8 +37,8 @@ pub(crate) fn coordinates_of(given: &Bound<'_, PyAny>) -> PyResult<Coordinates> 
 /// First cell and size along x, y and z.
 type Corner = ([f64; 3], [f64; 3]);
 
-/// Reads a window: column, row, width and height (of octrees x, y, z and three lengths), a pair of ranges of rows and
-/// columns, or an object that has them, as those of rasterio.
+/// Parses a window: column, row, width and height (in octrees x, y, z and three lengths), a pair of
+/// ranges of rows and columns, or an object with these, such as rasterio's.
 fn corner_of(tree: &Dataset, window: &Bound<'_, PyAny>) -> PyResult<Corner> {
     let depth = tree.header().extent[2] as f64;
     let is_octree = tree.header().form.axes() == 3;
@@ -64,12 +65,12 @@ fn corner_of(tree: &Dataset, window: &Bound<'_, PyAny>) -> PyResult<Corner> {
     }
 }
 
-/// Whether coordinates are those of cells, which they are if none are given.
+/// Returns whether coordinates are cells, the default.
 pub(crate) fn are_cells(coordinates: Option<&Bound<'_, PyAny>>) -> PyResult<bool> {
     Ok(matches!(coordinates.map(coordinates_of).transpose()?, None | Some(Coordinates::Cells)))
 }
 
-/// Whether a window of cells begins or ends within cells.
+/// Returns whether a window of cells has fractional bounds.
 pub(crate) fn is_fractional(
     tree: &Dataset,
     window: &Bound<'_, PyAny>,
@@ -123,7 +124,7 @@ fn box_cells(tree: &Dataset, window: &Bound<'_, PyAny>, coordinates: &Coordinate
     }
 }
 
-/// A level, the deepest if none is given.
+/// Returns a level, by default the deepest.
 pub(crate) fn level_of(tree: &Dataset, level: Option<i64>) -> PyResult<u8> {
     let depth = tree.depth();
     match level {
@@ -133,7 +134,7 @@ pub(crate) fn level_of(tree: &Dataset, level: Option<i64>) -> PyResult<u8> {
     }
 }
 
-/// The cells of a level that a box of the deepest cells covers, if only in part.
+/// Returns the cells of a level that a box of the deepest cells covers, at least partly.
 pub(crate) fn at_level(tree: &Dataset, bounds: Bounds, level: u8) -> Bounds {
     let shift = tree.depth() - level;
     Bounds {

@@ -1,4 +1,4 @@
-//! Trees of points: open files of them, and what they tell.
+//! Point trees: open files and their metadata.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError, RwLock};
@@ -23,16 +23,16 @@ use crate::part::coordinates_of;
 use crate::remote::{RemoteAccess, path_object};
 use crate::tree::crs_text;
 
-/// Whether a file is a tree of points.
+/// Returns whether a file is a point tree.
 #[pyfunction]
 pub(crate) fn is_points(py: Python<'_>, path: PathBuf) -> PyResult<bool> {
     py.detach(|| is_point_file(&path, access())).or_raise()
 }
 
-/// Polygons: parts, each of an outer ring and its holes.
+/// Polygons: each is a list of rings, the outer one first.
 type Polygons = Vec<Vec<Vec<[f64; 2]>>>;
 
-/// Points that are asked for: a box, polygons, a ball, the deepest level, conditions.
+/// Selection of points: a box, polygons, a ball, the deepest level, conditions.
 #[derive(FromPyObject)]
 struct Wanted(Option<[[f64; 3]; 2]>, Option<Polygons>, Option<([f64; 3], f64)>, Option<u8>, Option<String>);
 
@@ -51,7 +51,7 @@ impl Wanted {
     }
 }
 
-/// A tree of points in a file, open for questions from any number of threads.
+/// Point tree in an open file; any number of threads can query it.
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
 pub(crate) struct Points {
     /// `None` when it is closed.
@@ -61,10 +61,10 @@ pub(crate) struct Points {
     remote: RemoteAccess,
 }
 
-/// Distances, with a row for each place, and coordinates of the points, one behind the other.
+/// Distances, a row per query point, and coordinates of the points found, concatenated.
 type Near<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// Numbers among the values of a column, their least, greatest and mean.
+/// Number of values in a column, their minimum, maximum and mean.
 type Column = Option<(u64, f64, f64, f64)>;
 
 impl Points {
@@ -95,7 +95,7 @@ impl Points {
         Ok(Points { opened: RwLock::new(Some(Arc::new(tree))), path, positioned, remote })
     }
 
-    /// Forgets the file; whoever is reading it at the moment can finish.
+    /// Closes the file; running reads can finish.
     fn close(&self) {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = None;
     }
@@ -110,7 +110,7 @@ impl Points {
         path_object(py, &self.path)
     }
 
-    /// Options of the store, and the file that Python reads.
+    /// Returns the store's options, and the file that Python reads.
     #[getter]
     fn _remote(&self) -> &RemoteAccess {
         &self.remote
@@ -125,7 +125,7 @@ impl Points {
         Ok(self.get()?.len() as usize)
     }
 
-    /// Facts that are known without looking at points, by name.
+    /// Returns the metadata that needs no points, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let tree = self.get()?;
@@ -147,7 +147,7 @@ impl Points {
         Ok(facts)
     }
 
-    /// Rows of points as bytes.
+    /// Returns rows of points as bytes.
     #[pyo3(name = "_read")]
     fn read<'py>(
         &self,
@@ -169,14 +169,14 @@ impl Points {
         Ok(PyArray1::from_vec(py, rows))
     }
 
-    /// Number of points.
+    /// Returns the number of points.
     #[pyo3(name = "_count")]
     fn count(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<u64> {
         let tree = self.get()?;
         jobs::run(py, terms, |work| tree.count(&wanted.selection(&tree)?, work))
     }
 
-    /// Number of points, and what is known of each column.
+    /// Returns the number of points, and the summary of each column.
     #[pyo3(name = "_statistics")]
     fn statistics(&self, py: Python<'_>, wanted: Wanted, terms: Terms) -> PyResult<(u64, Vec<Column>)> {
         let tree = self.get()?;
@@ -187,9 +187,10 @@ impl Points {
         Ok((found.points, found.columns.iter().map(column).collect()))
     }
 
-    /// Distances and coordinates of the points nearest to places: infinite and NaN where there are fewer.
+    /// Returns distances and coordinates of the points nearest to query points; infinity and NaN
+    /// where there are fewer.
     #[pyo3(name = "_nearest")]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn nearest<'py>(
         &self,
         py: Python<'py>,
@@ -226,7 +227,7 @@ impl Points {
         Ok((distances, PyArray1::from_vec(py, found)))
     }
 
-    /// Writes points; returns how many.
+    /// Writes points; returns their number.
     #[pyo3(name = "_write")]
     fn write(
         &self,
@@ -247,7 +248,7 @@ impl Points {
         })
     }
 
-    /// Makes a raster of the points; returns its columns and rows.
+    /// Rasterizes the points; returns columns and rows.
     #[pyo3(name = "_raster")]
     fn raster(
         &self,
@@ -271,7 +272,8 @@ impl Points {
     }
 }
 
-/// Terms of building a tree of points: points of a leaf, the coordinate system, names of attributes, bytes of memory, conditions.
+/// Options of building a point tree: points per leaf, coordinate system, attribute names, memory in
+/// bytes, conditions.
 #[derive(FromPyObject)]
 pub(crate) struct PointTerms(Option<usize>, Option<String>, Option<Vec<String>>, u64, Option<String>);
 
@@ -288,7 +290,7 @@ impl PointTerms {
     }
 }
 
-/// Builds a tree of points of files.
+/// Builds a point tree from files.
 #[pyfunction]
 pub(crate) fn build_point_files(
     py: Python<'_>,
@@ -307,7 +309,7 @@ pub(crate) fn build_point_files(
     Ok((built.points, built.duplicates))
 }
 
-/// Points of arrays.
+/// Points in arrays.
 struct ArrayPoints {
     places: Vec<f64>,
     axes: usize,
@@ -349,10 +351,10 @@ impl WorldPoints for ArrayPoints {
     }
 }
 
-/// An attribute: its name, the name of its type, and its numbers as bytes.
+/// Attribute: its name, type name, and values as bytes.
 type ArrayColumn<'py> = (String, String, PyReadonlyArray1<'py, u8>);
 
-/// Builds a tree of points of arrays.
+/// Builds a point tree from arrays.
 #[pyfunction]
 pub(crate) fn build_point_array(
     py: Python<'_>,

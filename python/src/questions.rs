@@ -19,16 +19,17 @@ use crate::part::{coordinates_of, level_of, part_of};
 use crate::samples::{empty, with_bytes};
 use crate::tree::{Opened, Tree};
 
-/// Points that are answered at a time, before signals are looked at: of a file, and of a view, in which each may have a long way.
+/// Points read between checks for signals, for a file and for a view, in which each may be
+/// expensive.
 const BATCHES: [usize; 2] = [1 << 18, 1 << 13];
 
-/// Samples of points, and which points have any.
+/// Samples of points, and flags for the points that have any.
 pub(crate) type Sampled<'py> = (Bound<'py, PyAny>, Bound<'py, PyArray1<bool>>);
 
 #[pymethods]
 impl Tree {
-    /// Values at points, one row each, and flags that are `false` where there is VOID. Points are in the world, or
-    /// cells of the deepest level.
+    /// Returns the values at points, a row each, and flags that are `false` for VOID. Points are in
+    /// world coordinates, or in cells of the deepest level.
     #[pyo3(name = "_sample_points")]
     fn sample_points<'py>(
         &self,
@@ -53,7 +54,7 @@ impl Tree {
         Ok((values, found))
     }
 
-    /// Exact statistics of a part, by name.
+    /// Returns exact statistics of a region, by name.
     #[pyo3(signature = (window=None, coordinates=None))]
     #[pyo3(name = "_statistics")]
     fn statistics<'py>(
@@ -81,7 +82,7 @@ impl Tree {
         Ok(facts)
     }
 
-    /// Cells of a part whose first sample lies in each of so many equal parts of a range.
+    /// Counts a region's cells in equal bins of a range, by their first sample.
     #[pyo3(signature = (bins, low, high, window=None, coordinates=None))]
     #[pyo3(name = "_count_bins")]
     fn count_bins<'py>(
@@ -105,7 +106,7 @@ impl Tree {
         Ok(PyArray1::from_vec(py, cells))
     }
 
-    /// VOID, LEAF and INNER nodes of each level of the file's tree, the root first.
+    /// Returns the VOID, LEAF and INNER nodes of each level of the file's tree, root first.
     #[pyo3(name = "_level_counts")]
     fn level_counts(&self, py: Python<'_>, terms: Terms) -> PyResult<Vec<[u64; 3]>> {
         let opened = self.get()?;
@@ -119,10 +120,10 @@ impl Tree {
         Ok(counts.map(|counts| counts.levels().to_vec()).unwrap_or_default())
     }
 
-    /// The largest blocks whose cells all meet a condition: codes, levels, first cells and sizes, values, and whether a block has
-    /// one (and not several).
+    /// Returns the largest blocks whose cells all meet a condition: codes, levels, first cells and
+    /// sizes, values, and whether a block has a single value.
     #[pyo3(signature = (condition, number, window=None, coordinates=None, limit=None, largest=None, within=None, memory=None))]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     #[pyo3(name = "_find_blocks")]
     fn find_blocks<'py>(
         &self,
@@ -176,8 +177,8 @@ impl Tree {
     }
 }
 
-/// Values of many cells of a level, a row each, and flags that are `false` where there is VOID; `cells` gives those with some
-/// numbers.
+/// Returns the values of many cells of a level, a row each, and flags that are `false` for VOID;
+/// `cells` returns the cells of a range of numbers.
 pub(crate) fn values_at<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -209,7 +210,7 @@ pub(crate) fn values_at<'py>(
     Ok((values, found))
 }
 
-/// Codes, levels, boxes and values of blocks, and whether each has one.
+/// Codes, levels, boxes and values of blocks, and whether each has a single value.
 type Blocks<'py> = (
     Vec<String>,
     Bound<'py, PyArray1<u8>>,
@@ -229,7 +230,7 @@ fn search(
     let most = limit.unwrap_or(usize::MAX);
     let mut take = |block: FoundBlock| {
         match largest {
-            // By level, and those of a level as they come.
+            // By level, and in traversal order within a level.
             Some(most) => {
                 by_size.insert((block.level, block.code.clone()), block);
                 if by_size.len() > most {
@@ -250,11 +251,11 @@ fn search(
     Ok(all)
 }
 
-/// The way from points to cells of a level.
+/// Map from points to cells of a level.
 struct Points {
-    /// The way to the tree's own coordinates, from others.
+    /// Transformation from other coordinates to the tree's own.
     places: Option<CellLocator>,
-    /// Rows of the map to cells of the deepest level.
+    /// Rows of the matrix to cells of the deepest level.
     rows: [[f64; 4]; 3],
     shift: u8,
 }
@@ -277,19 +278,19 @@ impl Points {
         Ok(points)
     }
 
-    /// The cell at a point; one outside of every tree where there is none.
+    /// Returns the cell at a point, or one outside of every tree if there is none.
     #[inline]
     fn cell(&self, point: &[f64]) -> [u64; 3] {
         let [x, y, z] = [point[0], point[1], point.get(2).copied().unwrap_or(0.0)];
         let cell = match &self.places {
             None => self.rows.map(|[a, b, c, d]| a * x + b * y + c * z + d),
-            // (Quadtrees have one layer, wherever that is.)
+            // (A quadtree has one plane, whatever the point's height.)
             Some(places) => match places.cell([x, y, z]) {
                 Some([x, y, z]) => [x, y, if point.len() > 2 { z } else { 0.0 }],
                 None => [f64::NAN; 3],
             },
         };
-        // (NaN is nowhere. Before the first cell everything is as VOID as behind the last.)
+        // (NaN and negative cells are outside, as are those after the last cell: all VOID.)
         if cell.iter().all(|number| *number >= 0.0) {
             cell.map(|number| number as u64 >> self.shift)
         } else {

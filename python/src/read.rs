@@ -1,4 +1,4 @@
-//! Windows as NumPy arrays.
+//! Reads of windows as NumPy arrays.
 
 use std::time::{Duration, Instant};
 
@@ -21,10 +21,10 @@ use crate::questions::values_at;
 use crate::samples::{dtype, empty, flags, with_bytes};
 use crate::tree::{Opened, Tree};
 
-/// Bands that are asked for.
+/// Selected bands.
 pub(crate) enum Bands {
     All,
-    /// One, whose axis the result does not have.
+    /// One band; the result has no band axis.
     One(usize),
     Some(Vec<usize>),
 }
@@ -47,22 +47,24 @@ impl Bands {
     }
 }
 
-/// Pixels of a window before bands are chosen: bands last, without an axis for them if there is only one.
+/// Pixels of a window before bands are selected: bands last, without a band axis if there is only
+/// one.
 pub(crate) struct Pixels<'py> {
     pub(crate) array: Bound<'py, PyAny>,
     /// `true` where a cell is VOID.
     pub(crate) void: Option<Bound<'py, PyAny>>,
 }
 
-/// Cells to read at a time before signals are looked at: at most, and of a view, whose cells may each have a long way, at first.
+/// Cells read between checks for signals: the maximum, and the initial value for a view, each of
+/// whose cells may be expensive.
 const MOST: u64 = 1 << 24;
 const FIRST: u64 = 1 << 18;
-/// Time for a piece after which the next one is not larger.
+/// Duration of a read after which the next one is not larger.
 const LONG: Duration = Duration::from_millis(50);
 /// Pixels that are resampled in a fraction of a second.
 const SHORT: u64 = 1 << 18;
 
-/// Reads a box of cells of a level into an array (of `out`, if that fits).
+/// Reads a box of cells of a level into an array (into `out` if that fits).
 pub(crate) fn cells<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -75,7 +77,7 @@ pub(crate) fn cells<'py>(
     let tree = &opened.tree;
     let value = tree.header().form.value;
     let count = opened.count();
-    // (Columns last, and bands behind them.)
+    // (Columns, then bands, are last.)
     let [width, height, depth] = bounds.size().map(|size| size as usize);
     let sizes = [depth, height, width, count];
     let shape = &sizes[3 - opened.axes()..if count > 1 { 4 } else { 3 }];
@@ -102,7 +104,7 @@ pub(crate) fn cells<'py>(
             let begin = Instant::now();
             py.detach(|| read(tree, level, &part, fill, bytes, valid)).or_raise()?;
             if begin.elapsed() < LONG {
-                // (Larger pieces are read faster, as fewer nodes are gone through twice.)
+                // (Larger reads are faster, since they traverse fewer nodes twice.)
                 most = MOST.min(4 * most);
             }
             if part.volume() < bounds.volume() {
@@ -114,7 +116,7 @@ pub(crate) fn cells<'py>(
     Ok(Pixels { array, void: void.map(|void| void.into_any()) })
 }
 
-/// Reads cells, and the flags of those that are VOID.
+/// Reads cells, and flags those that are VOID.
 fn read(
     tree: &Dataset,
     level: u8,
@@ -125,14 +127,14 @@ fn read(
 ) -> spinney::Result<()> {
     let Some(flags) = flags else { return tree.window(level, part, fill, bytes, None) };
     tree.window(level, part, fill, bytes, Some(flags))?;
-    // In trees of occupancy VOID is a number, too: an empty cell.
+    // In occupancy trees VOID is a number, too: an empty cell.
     let is_occupancy = tree.header().rule == Rule::Occupancy;
     flags.iter_mut().for_each(|flag| *flag = !*flag && !is_occupancy);
     Ok(())
 }
 
-/// The part of a box from a row of a plane on, of about so many cells that lie one behind the other in memory: the box, planes of it,
-/// or rows of one.
+/// Returns a fragment of a box that starts at row `y` of plane `z`, with about `most` cells that
+/// are contiguous in memory: planes of the box, or rows of one plane.
 fn piece(bounds: &Bounds, [_, y, z]: [u64; 3], most: u64) -> Bounds {
     let [width, height, _] = bounds.size();
     let (mut piece, rows) = (*bounds, (most / width).max(1));
@@ -145,7 +147,7 @@ fn piece(bounds: &Bounds, [_, y, z]: [u64; 3], most: u64) -> Bounds {
     piece
 }
 
-/// Where a box goes on behind a piece of it.
+/// Returns the row and plane that follow a fragment of a box.
 fn after(bounds: &Bounds, piece: &Bounds) -> Option<[u64; 3]> {
     let [x, first, _] = bounds.min;
     if piece.max[1] < bounds.max[1] {
@@ -154,7 +156,7 @@ fn after(bounds: &Bounds, piece: &Bounds) -> Option<[u64; 3]> {
     (piece.max[2] < bounds.max[2]).then_some([x, first, piece.max[2]])
 }
 
-/// Pixels of a picture of any size, averaged or taken at centres.
+/// Returns pixels of a raster at any size, averaged or sampled at their centres.
 pub(crate) fn resampled<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -169,7 +171,7 @@ pub(crate) fn resampled<'py>(
     let sizes = [rows as usize, columns as usize, opened.count()];
     let array = empty(py, value.sample, &sizes[..if opened.count() > 1 { 3 } else { 2 }])?;
     let void = masked.then(|| flags(py, &sizes[..2])).transpose()?;
-    // (So little that nobody will interrupt it does without a thread of its own.)
+    // (Reads too short to be cancelled need no thread of their own.)
     let is_short = rows * columns <= SHORT && !opened.is_view && !matches!(request.detail, Detail::Exact(..));
     with_bytes(&array, value.sample, |bytes| {
         let mut lent = void.as_ref().map(|void| void.readwrite());
@@ -195,7 +197,7 @@ pub(crate) fn resampled<'py>(
     Ok(Pixels { array, void: void.map(|void| void.into_any()) })
 }
 
-/// A slice of an octree at a level, bands first if there are several.
+/// Returns a slice of an octree at a level; bands, if there are several, come first.
 pub(crate) fn resampled_slice<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -218,7 +220,7 @@ pub(crate) fn resampled_slice<'py>(
     }
 }
 
-/// The array with its bands first, and only those that are asked for.
+/// Moves the bands to the front, and selects the requested ones.
 fn arranged<'py>(
     py: Python<'py>,
     array: Bound<'py, PyAny>,
@@ -243,7 +245,7 @@ fn arranged<'py>(
 }
 
 impl<'py> Pixels<'py> {
-    /// The array as it is handed out.
+    /// Returns the array that the caller gets.
     fn finish(self, py: Python<'py>, opened: &Opened, bands: &Bands) -> PyResult<Bound<'py, PyAny>> {
         let array = arranged(py, self.array, opened.count(), opened.axes(), bands)?;
         match self.void {
@@ -253,7 +255,7 @@ impl<'py> Pixels<'py> {
     }
 }
 
-/// A masked array, from one without bands that is `true` where cells are VOID.
+/// Returns a masked array; `void` has no band axis, and is `true` where cells are VOID.
 fn masked_array<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -266,7 +268,7 @@ fn masked_array<'py>(
     masked.call1((array, void, missing, opened.told(py, opened.void()?)?))
 }
 
-/// Copies a result to the array that it was asked for in, or gives it as it is.
+/// Copies a result to the caller's array `out`, if there is one, or returns it.
 fn delivered<'py>(array: Bound<'py, PyAny>, out: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
     let Some(out) = out else { return Ok(array) };
     let shape =
@@ -279,7 +281,7 @@ fn delivered<'py>(array: Bound<'py, PyAny>, out: Option<&Bound<'py, PyAny>>) -> 
     Ok(out.clone())
 }
 
-/// Whether cells can be written straight to an array.
+/// Returns whether cells can be written directly to an array.
 fn takes_cells(out: &Bound<'_, PyAny>, opened: &Opened, shape: &[usize]) -> bool {
     let Ok(array) = out.cast::<PyUntypedArray>() else { return false };
     opened.count() == 1
@@ -291,28 +293,33 @@ fn takes_cells(out: &Bound<'_, PyAny>, opened: &Opened, shape: &[usize]) -> bool
 
 #[pymethods]
 impl Tree {
-    /// Cells as a NumPy array: bands first, then planes (of octrees), rows and columns.
+    /// Returns cells as a NumPy array: bands first, then planes (of octrees), rows and columns.
     ///
-    /// `bands` are numbers counted from 1: an int gives an array without a band axis, a list those bands, nothing all
-    /// of them. The part is a `window` of cells of the deepest level, `(column, row, width, height)` (rasterio's windows
-    /// and pairs of ranges will do, too; octrees take `(x, y, z, width, height, depth)`), or with other `coordinates`
-    /// ("world", "lonlat", "EPSG:3035" ...) `(left, bottom, right, top)`; all of the picture if none is given.
+    /// `bands` are numbers counted from 1: an int gives an array without a band axis, a list those
+    /// bands, `None` all of them. The region is a `window` of cells of the deepest level, `(column,
+    /// row, width, height)` (rasterio's windows and pairs of ranges are accepted, too; octrees take
+    /// `(x, y, z, width, height, depth)`), or with other `coordinates` ("world", "lonlat",
+    /// "EPSG:3035" ...) `(left, bottom, right, top)`. The default is the whole raster.
     ///
-    /// `level` chooses coarser cells, down to 0; or `out_shape`, `(rows, columns)`, the size of the result: amounts are
-    /// averaged over each pixel (with `exact` from the deepest cells on), classes are those at pixels' centres.
+    /// `level` selects coarser cells, down to 0. Alternatively `out_shape`, `(rows, columns)`, is
+    /// the size of the result: continuous values are averaged over each pixel (with `exact` from
+    /// the deepest cells), classes are sampled at pixel centres.
     ///
-    /// A window that begins or ends within cells is read as rasterio reads it: divided equally into as many pixels as its lengths are,
-    /// rounded, or as `out_shape` says, each of which is the cell at its centre.
+    /// A window with fractional bounds is read as by rasterio: it is divided equally into pixels,
+    /// each of which is the cell at its centre. Their number is the window's lengths, rounded, or
+    /// `out_shape`.
     ///
-    /// VOID cells have the number `fill` (by default `fill_value`); with `masked` the result is a masked array. With
-    /// `boundless` a window may stick out of the raster, where all is VOID. The result is written to `out` if that is
-    /// given. Bands of pixels lie together in memory: `numpy.ascontiguousarray` makes planes of them.
+    /// VOID cells have the number `fill` (by default `fill_value`); with `masked` the result is a
+    /// masked array. With `boundless` a window may extend beyond the raster, where all is VOID. If
+    /// `out` is given, the result is written to it. The bands of a pixel are contiguous in memory:
+    /// `numpy.ascontiguousarray` makes planes of them.
     ///
-    /// `layers` are names of layers of the file: their cells stand one behind the other along the first axis.
+    /// `layers` are names of layers of the file; their cells are concatenated along the first axis.
     ///
-    /// Raises ValueError or IndexError for a part that there is not, OSError if the file is damaged there.
+    /// Raises ValueError or IndexError for a region that does not exist, OSError if the file is
+    /// corrupt there.
     #[pyo3(signature = (bands=None, *, layers=None, window=None, coordinates=None, level=None, out_shape=None, exact=false, masked=false, fill=None, boundless=false, out=None))]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn read<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,
@@ -413,7 +420,8 @@ impl Tree {
         delivered(pixels.finish(py, opened, &bands)?, out)
     }
 
-    /// Cells by an index; a name is that of another layer of the file, as a dataset, and a list of names some as the channels of one.
+    /// Returns the cells of an index. A name selects another layer of the file, as a dataset; a
+    /// list of names selects several, as the channels of one dataset.
     fn __getitem__<'py>(
         slf: &Bound<'py, Tree>,
         py: Python<'py>,
@@ -428,7 +436,7 @@ impl Tree {
         }
     }
 
-    /// The cells of a level that an index means.
+    /// Returns the cells of a level that an index selects.
     #[pyo3(name = "_at_index")]
     fn at_index<'py>(
         &self,
@@ -462,7 +470,7 @@ impl Tree {
                 if along.is_single {
                     return Ok(PyInt::new(py, 0).into_any());
                 }
-                // (Backwards from the last, which then is the first.)
+                // (Reversed, starting at the last cell of the ascending read.)
                 py.get_type::<PySlice>().call1((py.None(), py.None(), along.step))
             });
             array = array.get_item(PyTuple::new(py, keys.collect::<PyResult<Vec<_>>>()?)?)?;
@@ -475,10 +483,11 @@ impl Tree {
     }
 }
 
-/// Cells of which each asked for one is so far from the others that they are looked up one by one.
+/// Cells per selected cell from which the selected cells are read one by one.
 const SPARSE: u64 = 64;
 
-/// The cells that an index with large steps means, looked up as points; `None` where it is better to read all between them.
+/// Returns the cells of an index with large strides, read as points; `None` if it is faster to read
+/// all cells in between.
 fn picked<'py>(
     py: Python<'py>,
     opened: &Opened,
@@ -493,7 +502,7 @@ fn picked<'py>(
     }
     let cell = |number: u64| {
         let (mut rest, mut cell) = (number, [0; 3]);
-        // (The last axis of the array is x, and runs fastest.)
+        // (The array's last axis is x, which varies fastest.)
         for (axis, (along, count)) in along.iter().zip(&counts).rev().enumerate() {
             cell[axis] = along.at(rest % count);
             rest /= count;
@@ -512,7 +521,8 @@ fn picked<'py>(
     Ok(Some(if is_banded { py.import("numpy")?.call_method1("moveaxis", (array, last, 0))? } else { array }))
 }
 
-/// Rows and columns that are asked for: `(rows, columns)`, or `(bands, rows, columns)` as rasterio has it.
+/// Parses the requested rows and columns: `(rows, columns)`, or `(bands, rows, columns)` as in
+/// rasterio.
 fn out_size(shape: &Bound<'_, PyAny>, bands: &Bands, count: usize) -> PyResult<[u64; 2]> {
     if let Ok(shape) = shape.extract::<[u64; 2]>() {
         return Ok(shape);

@@ -1,4 +1,4 @@
-//! Trees of trees: the same cells, with other properties if wanted.
+//! Trees built from trees: the same cells, optionally with other properties.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -16,7 +16,7 @@ use crate::numbers::{PyNumber, names_of};
 use crate::packing::Packing;
 use crate::tree::Tree;
 
-/// What is said anew of a tree; all else stays as it is.
+/// Properties of a tree that are replaced; all others are kept.
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct TreeOptions {
@@ -74,7 +74,7 @@ impl TreeOptions {
 
 #[pymethods]
 impl Tree {
-    /// Builds a tree of the same cells, those of a view as they are seen.
+    /// Builds a tree with the same cells; a view's cells are those after its operations.
     #[pyo3(name = "_build")]
     fn build(&self, py: Python<'_>, out: PathBuf, options: TreeOptions, terms: Terms) -> PyResult<()> {
         let opened = self.get()?;
@@ -92,7 +92,7 @@ impl Tree {
     }
 }
 
-/// Whether a file, or a commit of one, is a tree of cells.
+/// Returns whether a file, or a commit of one, is a tree of cells.
 #[pyfunction]
 #[pyo3(name = "is_tree")]
 pub(crate) fn is_tree(py: Python<'_>, path: PathBuf) -> PyResult<bool> {

@@ -1,4 +1,4 @@
-//! Files elsewhere: options of stores, and files that Python itself reads.
+//! Remote files: options of stores, and files that Python itself reads.
 
 use std::ops::Range;
 use std::path::Path;
@@ -12,7 +12,8 @@ use spinney::{Error, OpenOptions, Result};
 
 use crate::jobs::Refused;
 
-/// The name of a file for Python: a path, or the text of a URL, of which a path would not keep both slashes.
+/// Returns a file's name for Python: a path, or the string of a URL (a path would lose one of two
+/// slashes).
 pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'py, PyAny>> {
     match path.to_str().filter(|text| text.contains("://") || text.contains("::")) {
         Some(text) => Ok(text.into_pyobject(py)?.into_any()),
@@ -20,17 +21,17 @@ pub(crate) fn path_object<'py>(py: Python<'py>, path: &Path) -> PyResult<Bound<'
     }
 }
 
-/// A path or URL as it is shown: without the user info and the query of a URL.
+/// Returns a path or URL for display: a URL without its user info and query.
 #[pyfunction]
 pub(crate) fn shown(path: &str) -> String {
     spinney::raw::io::shown(Path::new(path)).into_owned()
 }
 
-/// How a file elsewhere is opened.
+/// How a remote file is opened.
 pub(crate) struct RemoteAccess {
     /// Options of the store.
     storage: Vec<(String, String)>,
-    /// A file that Python reads, and who reads it.
+    /// File that Python reads, and the Python object that reads it.
     file: Option<(Arc<PythonFile>, Py<PyAny>)>,
     refused: Refused,
 }
@@ -41,20 +42,22 @@ impl Default for RemoteAccess {
     }
 }
 
-/// A file that a function of Python reads.
+/// File that a Python function reads.
 struct PythonFile {
-    /// Takes first bytes, and those behind the last; returns the bytes of each.
+    /// Function from start and end offsets of ranges to the bytes of each.
     fetch: Py<PyAny>,
     length: u64,
     number: u64,
-    /// The version that it had when it was opened, and a function that returns the present one.
+    /// Version of the file when it was opened, and a function that returns its current version.
     version: Option<(String, Py<PyAny>)>,
 }
 
-/// Length of a file, the function that reads it, what a copy of it is made of, and its version with a function that returns the present one.
+/// Length of a file, the function that reads it, the object that copies are made from, and its
+/// version with a function that returns the current one.
 type GivenFile = (u64, Py<PyAny>, Py<PyAny>, Option<(String, Py<PyAny>)>);
 
-/// Storage options; then nothing, or a file that Python reads; then whether remote and external files are refused.
+/// Storage options; then nothing, or a file that Python reads; then whether remote and external
+/// files are refused.
 impl<'py> FromPyObject<'_, 'py> for RemoteAccess {
     type Error = PyErr;
 
@@ -89,7 +92,7 @@ impl RemoteAccess {
         RemoteAccess { storage: self.storage.clone(), file, refused: self.refused }
     }
 
-    /// The options to open the file with.
+    /// Returns the options to open the file with.
     pub(crate) fn options(&self) -> OpenOptions {
         let access = self.refused.access();
         let options = OpenOptions::from(access).storage(self.storage.iter().cloned());
@@ -103,7 +106,7 @@ impl RemoteAccess {
     }
 }
 
-/// The way to the bytes of a file of Python.
+/// Reader of a Python file's bytes.
 struct Reader {
     file: Arc<PythonFile>,
     path: std::path::PathBuf,

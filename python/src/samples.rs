@@ -1,4 +1,4 @@
-//! Samples as NumPy has them.
+//! Samples in NumPy arrays.
 
 use numpy::{PyArrayDyn, PyArrayMethods};
 use pyo3::prelude::*;
@@ -57,19 +57,19 @@ macro_rules! with_sample {
     };
 }
 
-/// NumPy's type of samples.
+/// Returns the NumPy dtype of samples.
 pub(crate) fn dtype(py: Python<'_>, sample: SampleType) -> Bound<'_, PyAny> {
     with_sample!(sample, S => numpy::dtype::<S>(py)).into_any()
 }
 
-/// The type of samples that NumPy names so; `None` if the library has no such samples.
+/// Returns the sample type with this NumPy name; `None` if the library has no such type.
 pub(crate) fn sample_of(name: &str) -> Option<SampleType> {
     let names =
         ["uint8", "uint16", "int16", "uint32", "int32", "float32", "float64", "int8", "uint64", "int64"];
     names.iter().position(|known| *known == name).map(|index| SampleType::ALL[index])
 }
 
-/// A new array whose samples are still to be written.
+/// Returns a new, uninitialized array of samples.
 pub(crate) fn empty<'py>(
     py: Python<'py>,
     sample: SampleType,
@@ -87,7 +87,7 @@ pub(crate) fn empty<'py>(
     EMPTY.import(py, "numpy", "empty")?.call1((shape, dtype(py, sample)))
 }
 
-/// A new array of flags, all `false`.
+/// Returns a new array of flags, all `false`.
 pub(crate) fn flags<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py, PyArrayDyn<bool>>> {
     static ZEROS: PyOnceLock<Py<PyAny>> = PyOnceLock::new();
     let shape = pyo3::types::PyTuple::new(py, shape)?;
@@ -95,7 +95,7 @@ pub(crate) fn flags<'py>(py: Python<'py>, shape: &[usize]) -> PyResult<Bound<'py
     Ok(made.cast_into::<PyArrayDyn<bool>>()?)
 }
 
-/// Shows a function the bytes of a contiguous array of samples.
+/// Calls a function with the bytes of a contiguous array of samples.
 pub(crate) fn with_bytes<R>(
     array: &Bound<'_, PyAny>,
     sample: SampleType,

@@ -1,4 +1,4 @@
-//! Windows as picture files, and legends of them.
+//! Windows as image files, and legends.
 
 use std::path::PathBuf;
 
@@ -18,9 +18,9 @@ use crate::tree::Tree;
 
 #[pymethods]
 impl Tree {
-    /// Writes a part as a picture or array file. PNG of samples other than of 8 and 16 bits is in the tree's
-    /// default style, or grey between the numbers of `range`.
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    /// Writes a region as an image or array file. PNG of samples other than 8 and 16 bits is
+    /// rendered in the tree's default style, or grey within `range`.
+    #[allow(clippy::too_many_arguments)] // as in Python
     #[pyo3(name = "_write_window")]
     fn write_window(
         &self,
@@ -67,7 +67,7 @@ impl Tree {
         request.nodata = nodata.map(|number| number.0);
         jobs::run(py, terms, |work| export_window(tree, &request, work.create(&path)?, format, work))
     }
-    /// Writes the legend of a style, the tree's own if none is given.
+    /// Writes the legend of a style, by default the tree's own.
     #[pyo3(name = "_write_legend")]
     fn write_legend(
         &self,

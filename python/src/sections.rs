@@ -1,4 +1,4 @@
-//! Sections: where planes cut exact models, and what the surfaces of two have in common.
+//! Sections: cuts of exact models by planes, and by the surfaces of other models.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,7 +16,7 @@ use crate::files::check_output;
 use crate::jobs::{self, Terms, access};
 use crate::model::Model;
 
-/// Planes and models that a model is cut by.
+/// Planes and models that cut a model.
 #[derive(Default)]
 struct Cutters {
     planes: Vec<SectionPlanes>,
@@ -48,7 +48,8 @@ impl Cutters {
 
 #[pymethods]
 impl Model {
-    /// Writes where planes cut the model, or what it and another one have in common; returns counts and sums by name.
+    /// Writes the model's cuts by planes, or its intersection with another model; returns counts
+    /// and sums by name.
     #[pyo3(name = "_write_section")]
     fn write_section<'py>(
         &self,

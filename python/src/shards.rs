@@ -1,4 +1,4 @@
-//! Trees that many processes build.
+//! Trees built by many processes.
 
 use std::path::PathBuf;
 
@@ -14,7 +14,7 @@ use crate::jobs::{self, Terms, access};
 use crate::numbers::PyNumber;
 use crate::packing::Packing;
 
-/// Plans a job in a folder; returns whether the same one was there already.
+/// Plans a job in a directory; returns whether the same job was there already.
 #[pyfunction]
 pub(crate) fn plan_shards(
     py: Python<'_>,
@@ -31,9 +31,9 @@ pub(crate) fn plan_shards(
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
-/// Plans a job of a file and the steps done to it; returns whether the same one was there already.
+/// Plans a job for a file and view operations; returns whether the same job was there already.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn plan_transform(
     py: Python<'_>,
     path: PathBuf,
@@ -51,9 +51,9 @@ pub(crate) fn plan_transform(
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
-/// Plans a job of one tree of several; returns whether the same one was there already.
+/// Plans a job that combines trees; returns whether the same job was there already.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn plan_combine(
     py: Python<'_>,
     operation: &str,
@@ -76,14 +76,15 @@ pub(crate) fn plan_combine(
     jobs::run(py, terms, |work| Ok(plan(&spec, &job, shards, access(), work)?.was_there))
 }
 
-/// A job: shards, those of them of which something is to be built, and bytes of input.
+/// Returns the number of a job's shards, of those that have something to build, and the bytes of
+/// input.
 #[pyfunction]
 pub(crate) fn look_at_job(py: Python<'_>, job: PathBuf) -> PyResult<(u32, u32, u64)> {
     let job = py.detach(|| Job::open_with(&job, access())).or_raise()?;
     Ok((job.shards(), job.busy_shards(), job.input_bytes()))
 }
 
-/// Whether there is a job in a folder.
+/// Returns whether a directory has a job.
 #[pyfunction]
 pub(crate) fn is_job(py: Python<'_>, job: PathBuf) -> PyResult<bool> {
     Ok(py.detach(|| Job::find(&job, access())).or_raise()?.is_some())
@@ -95,7 +96,8 @@ pub(crate) fn remove_job(py: Python<'_>, job: PathBuf) -> PyResult<()> {
     py.detach(|| Job::open_with(&job, access())?.remove()).or_raise()
 }
 
-/// Builds a shard, unless it is made already; returns whether it was, and the bytes of its segments.
+/// Builds a shard unless it exists already; returns whether it was built, and the bytes of its
+/// segments.
 #[pyfunction]
 pub(crate) fn build_shard(
     py: Python<'_>,
@@ -110,13 +112,13 @@ pub(crate) fn build_shard(
     })
 }
 
-/// Numbers of the shards that are not made.
+/// Returns the numbers of the missing shards.
 #[pyfunction]
 pub(crate) fn missing_shards(py: Python<'_>, job: PathBuf) -> PyResult<Vec<u32>> {
     py.detach(|| Job::open_with(&job, access())?.missing()).or_raise()
 }
 
-/// Puts the shards of a job together, and removes it if that is asked for.
+/// Merges the shards of a job, and on request removes the job.
 #[pyfunction]
 pub(crate) fn merge_shards(
     py: Python<'_>,

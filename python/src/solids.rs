@@ -1,4 +1,4 @@
-//! Octrees as solids: measures, rays, slices, surfaces, pictures.
+//! Octrees as solids: measures, rays, slices, surfaces, renderings.
 
 use std::path::PathBuf;
 
@@ -22,7 +22,7 @@ use crate::read::resampled_slice;
 use crate::tree::{Opened, Tree};
 
 impl Opened {
-    /// Fails if it is no octree.
+    /// Fails unless this is an octree.
     pub(crate) fn check_octree(&self) -> PyResult<()> {
         let name = || format!("{}: is a quadtree; this is for octrees", self.tree.name().display());
         if self.axes() == 3 { Ok(()) } else { Err(invalid(name())) }
@@ -32,12 +32,12 @@ impl Opened {
 /// Vertices and triangles.
 type Surface<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
 
-/// Distances along rays (NaN where nothing is hit), points, cells.
+/// Distances along rays (NaN without a hit), points, cells.
 type Hits<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<i64>>);
 
 #[pymethods]
 impl Tree {
-    /// Volume, centre, bounds, and, if asked for, the surface of a solid, by name.
+    /// Returns volume, centre, bounds and, on request, the surface area of a solid, by name.
     #[pyo3(name = "_measure")]
     fn measure<'py>(
         &self,
@@ -69,7 +69,7 @@ impl Tree {
         Ok(facts)
     }
 
-    /// Casts rays, in the world, at full cells or at the smooth surface.
+    /// Casts rays, in world coordinates, at full cells or at the smooth surface.
     #[pyo3(name = "_cast_rays")]
     fn cast_rays<'py>(
         &self,
@@ -79,7 +79,8 @@ impl Tree {
         level: Option<i64>,
         smooth: bool,
     ) -> PyResult<Hits<'py>> {
-        /// Rays that are cast before signals are looked at: in a file, and in a view, in which each may have a long way.
+        /// Rays cast between checks for signals, for a file and for a view, in which each may be
+        /// expensive.
         const BATCHES: [usize; 2] = [1 << 14, 1 << 8];
         let opened = self.get()?;
         let batch = BATCHES[usize::from(opened.is_view)];
@@ -108,7 +109,8 @@ impl Tree {
                         origin: std::array::from_fn(|axis| linear(&inverse[axis], origin) + inverse[axis][3]),
                         direction: std::array::from_fn(|axis| linear(&inverse[axis], direction)),
                     };
-                    // The map is affine: distances in lengths of the direction are the same on both sides.
+                    // The map is affine: distances in units of the direction's length are equal in
+                    // both spaces.
                     let hit = if smooth {
                         rays.surface(&ray)?.map(|hit| (hit.t, hit.point.map(|number| number.floor() as i64)))
                     } else {
@@ -136,8 +138,9 @@ impl Tree {
         ))
     }
 
-    /// A slice across an axis (0 is x) at a cell of the deepest level, or at a coordinate of the world.
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    /// Returns a slice across an axis (0 is x), at a cell of the deepest level or at a world
+    /// coordinate.
+    #[allow(clippy::too_many_arguments)] // as in Python
     #[pyo3(name = "_slice_across")]
     fn slice_across<'py>(
         &self,
@@ -177,7 +180,7 @@ impl Tree {
         resampled_slice(py, &opened, &request, level, masked)
     }
 
-    /// The surface as vertices and triangles.
+    /// Returns the surface as vertices and triangles.
     #[pyo3(name = "_surface_arrays")]
     fn surface_arrays<'py>(
         &self,
@@ -201,7 +204,7 @@ impl Tree {
         ))
     }
 
-    /// Writes the surface as a mesh; returns vertices and faces.
+    /// Writes the surface as a mesh; returns the number of vertices and faces.
     #[pyo3(name = "_write_mesh")]
     fn write_mesh(
         &self,
@@ -226,8 +229,8 @@ impl Tree {
         Ok((made.vertices, made.faces))
     }
 
-    /// Writes a shaded picture; returns the level that was drawn.
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    /// Writes a shaded image; returns the level that was drawn.
+    #[allow(clippy::too_many_arguments)] // as in Python
     #[pyo3(name = "_write_render")]
     fn write_render(
         &self,

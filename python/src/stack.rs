@@ -1,4 +1,4 @@
-//! Layers of arrays: one tree, or several beside each other in one file, whole or in shards.
+//! Arrays as layers: one tree, or several in one file, whole or in shards.
 
 use std::path::{Path, PathBuf};
 
@@ -16,16 +16,16 @@ use crate::packing::Packing;
 #[derive(FromPyObject)]
 #[pyo3(from_item_all)]
 pub(crate) struct ArrayLayer {
-    /// The layer's name; may be empty if it is the only one.
+    /// Name of the layer; may be empty for an only layer.
     name: String,
-    /// A function that hands out its blocks: see [`crate::build::ArraySlabs`].
+    /// Function that returns blocks of the array: see [`crate::build::ArraySlabs`].
     read: Py<PyAny>,
-    /// Levels that its tree has less than one of the finest cells.
+    /// Number of levels that this layer has fewer than the finest one.
     coarser: u8,
     options: ArrayOptions,
 }
 
-/// A layer of a file: what its progress adds to that of all.
+/// Progress of one layer, added to that of all.
 struct LayerWork<'w> {
     work: &'w Work,
     /// Cells of all layers.
@@ -46,16 +46,16 @@ impl Progress for LayerWork<'_> {
     }
 }
 
-/// Layers of one space, that are understood.
+/// Layers in one space, with parsed options.
 struct PlannedLayers {
     dimension: Dimension,
-    /// Levels of the finest.
+    /// Levels of the finest layer.
     depth: u8,
     layers: Vec<(ArrayLayer, ArrayTree)>,
 }
 
 impl PlannedLayers {
-    /// Layers whose finest have `depth` levels, if that is said.
+    /// Plans layers, the finest of which have `depth` levels if that is given.
     fn new(layers: Vec<ArrayLayer>, depth: Option<u8>) -> PyResult<PlannedLayers> {
         let most = layers.iter().map(|layer| depth_for(layer.options.extent()) + layer.coarser).max();
         let depth = depth.or(most).unwrap_or(0);
@@ -75,7 +75,7 @@ impl PlannedLayers {
         Ok(PlannedLayers { dimension: first.form.dimension, depth, layers: plans })
     }
 
-    /// Bytes of all cells.
+    /// Returns the bytes of all cells.
     fn bytes(&self) -> u64 {
         let bytes = |(layer, tree): &(ArrayLayer, ArrayTree)| {
             let cells = layer.options.extent().iter().fold(1u64, |cells, along| cells.saturating_mul(*along));
@@ -84,7 +84,7 @@ impl PlannedLayers {
         self.layers.iter().map(bytes).fold(0, u64::saturating_add)
     }
 
-    /// Writes them, or what is asked for of them.
+    /// Writes the layers, or the requested shard of them.
     fn write(&self, target: TreeTarget, work: &Work) -> spinney::Result<()> {
         let is_whole = target.whole().is_some();
         let cells = |(layer, _): &(ArrayLayer, ArrayTree)| layer.options.extent().iter().product::<u64>();
@@ -104,7 +104,8 @@ impl PlannedLayers {
     }
 }
 
-/// Builds a file of arrays, each of which is a layer: one at least, of trees of one space whose finest have `depth` levels, if that is said.
+/// Builds a file with a layer per array. There is at least one, all trees share one space, and the
+/// finest have `depth` levels if that is given.
 #[pyfunction]
 #[pyo3(signature = (layers, out, depth, terms))]
 pub(crate) fn build_layers(
@@ -118,9 +119,9 @@ pub(crate) fn build_layers(
     jobs::run(py, terms, |work| layers.write(work.create_tree(&out)?.into(), work))
 }
 
-/// Plans a job of such a file; returns whether the same one was there already.
+/// Plans a job for such a file; returns whether the same job was there already.
 #[pyfunction]
-#[allow(clippy::too_many_arguments)] // those of the Python function
+#[allow(clippy::too_many_arguments)] // as in Python
 pub(crate) fn plan_layers(
     py: Python<'_>,
     layers: Vec<ArrayLayer>,
@@ -138,7 +139,8 @@ pub(crate) fn plan_layers(
     })
 }
 
-/// Builds a shard of such a job, unless it is made already; returns whether it was, and the bytes of its segments.
+/// Builds a shard of such a job unless it exists already; returns whether it was built, and the
+/// bytes of its segments.
 #[pyfunction]
 pub(crate) fn build_layers_shard(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-//! Cells where they stand in a mapped file, as arrays without a copy.
+//! Cells of a mapped file as arrays, without a copy.
 
 use std::sync::Arc;
 
@@ -10,15 +10,15 @@ use crate::error::OrRaise;
 use crate::part::{at_level, level_of, part_of};
 use crate::tree::{Opened, Tree};
 
-/// Cells of a mapped file: NumPy makes an array of it that keeps it, and with it the mapping.
+/// Cells of a mapped file. NumPy arrays keep it alive, and with it the mapping.
 #[pyclass(frozen, module = "spinney._native")]
 pub(crate) struct StoredCells {
     address: usize,
     shape: Vec<usize>,
     strides: Vec<usize>,
-    /// The type of samples, as NumPy's array interface has it.
+    /// Sample type, as in NumPy's array interface.
     type_name: String,
-    /// The open file, which has the mapping.
+    /// Open file, which owns the mapping.
     _opened: Arc<Opened>,
 }
 
@@ -39,7 +39,8 @@ impl StoredCells {
 
 #[pymethods]
 impl Tree {
-    /// Cells of a part where they stand in the file, as a read-only array; `None` where they do not stand in rows.
+    /// Returns a region's cells as a read-only array on the mapped file; `None` if they are not
+    /// stored as rows.
     #[pyo3(signature = (window=None, coordinates=None, level=None))]
     #[pyo3(name = "_mapped")]
     fn mapped<'py>(
@@ -70,7 +71,7 @@ impl Tree {
             strides.insert(0, value.sample.size());
         }
         let name = value.sample.name();
-        // (As Rust spells it: a letter, and bits.)
+        // (Rust's type name is a letter, followed by bits.)
         let type_name = format!("<{}{}", &name[..1], value.sample.size());
         let address = stored.bytes.as_ptr().addr();
         let cells = StoredCells { address, shape, strides, type_name, _opened: opened };

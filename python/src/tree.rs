@@ -1,4 +1,4 @@
-//! Open trees, and what they tell about themselves.
+//! Open trees and their metadata.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -19,50 +19,51 @@ use crate::numbers::{PyNumber, told, told_names};
 use crate::remote::{RemoteAccess, path_object};
 use crate::{jobs, samples};
 
-/// A file or a view of one, open for questions from any number of threads.
+/// Open file or view; any number of threads can query it.
 #[pyclass(subclass, frozen, weakref, module = "spinney._native")]
 pub(crate) struct Tree {
     /// `None` when it is closed.
     opened: RwLock<Option<Arc<Opened>>>,
-    /// The path and options that it was opened with.
+    /// Path and options that it was opened with.
     path: PathBuf,
     steps: Vec<ViewStep>,
     commit: Option<u64>,
     positioned: bool,
-    /// Name or number of the layer; the first if there is none.
+    /// Name or number of the layer, by default the first.
     layer: Option<String>,
-    /// Files elsewhere.
+    /// How the file is opened if it is remote.
     remote: RemoteAccess,
 }
 
-/// A coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else as it came.
+/// Returns a coordinate system as pyproj and rasterio read it: `EPSG:4326`, else WKT 2, else its
+/// unchanged definition.
 pub(crate) fn crs_text(crs: &Crs) -> String {
     crs.to_text().ok().or_else(|| crs.foreign_text()).unwrap_or_else(|| crs.definition())
 }
 
-/// A state of a file.
+/// State of a file.
 pub(crate) struct Opened {
     pub(crate) tree: Dataset,
-    /// The file that a view is of.
+    /// File of a view.
     file: Option<Dataset>,
-    /// Whether it is seen through steps, which take time for each cell.
+    /// Whether view operations apply, which take time for each cell.
     pub(crate) is_view: bool,
     void: OnceLock<Number>,
 }
 
 impl Opened {
-    /// The number for VOID cells where nobody asks for another one.
+    /// Returns the default number for VOID cells.
     pub(crate) fn void(&self) -> PyResult<Number> {
         if let Some(number) = self.void.get() {
             return Ok(*number);
         }
-        // (It is read, and whoever serves the file may be another thread of this interpreter.)
+        // (This reads the file, which another thread of this interpreter may serve.)
         let number = Python::attach(|py| py.detach(|| void_number(&self.tree))).or_raise()?;
         let number = number.unwrap_or_default();
         Ok(*self.void.get_or_init(|| number))
     }
 
-    /// The number for VOID cells of arrays without a mask: that of the caller, or one that is free.
+    /// Returns the number for VOID cells of arrays without a mask: the caller's, or an unused one.
     pub(crate) fn plain_fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         if asked.is_none() {
             let is_free = || {
@@ -79,7 +80,8 @@ impl Opened {
         self.fill(asked)
     }
 
-    /// The number for VOID cells: that of the caller, or one that is free; else 0, for arrays with a mask.
+    /// Returns the number for VOID cells: the caller's, or an unused one; else 0, for arrays with a
+    /// mask.
     pub(crate) fn fill(&self, asked: Option<PyNumber>) -> PyResult<Number> {
         let sample = self.tree.header().form.value.sample;
         match asked.map(|number| number.0) {
@@ -89,53 +91,53 @@ impl Opened {
         }
     }
 
-    /// The file, or the layer of it, that is seen.
+    /// Returns the file, or the layer of it, without view operations.
     fn file(&self) -> &Dataset {
         self.file.as_ref().unwrap_or(&self.tree)
     }
 
-    /// The sample that means that a cell has none in a channel, if there is one.
+    /// Returns the sample that marks a missing channel value, if there is one.
     pub(crate) fn missing(&self) -> Option<Number> {
         self.tree.metadata().nodata.filter(|_| matches!(self.tree.header().form.value.mask, Mask::Missing(_)))
     }
 
-    /// A sample for Python.
+    /// Converts a sample for Python.
     pub(crate) fn told<'py>(&self, py: Python<'py>, number: Number) -> PyResult<Bound<'py, PyAny>> {
         told(py, number, self.tree.header().form.value.sample)
     }
 
-    /// Number of axes.
+    /// Returns the number of axes.
     pub(crate) fn axes(&self) -> usize {
         self.tree.header().form.axes()
     }
 
-    /// Samples of a value.
+    /// Returns the samples per value.
     pub(crate) fn count(&self) -> usize {
         self.tree.header().form.value.channels.into()
     }
 }
 
 impl Tree {
-    /// The open file.
+    /// Returns the open file.
     pub(crate) fn get(&self) -> PyResult<Arc<Opened>> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.clone().ok_or_else(|| invalid(format!("{}: is closed", self.path.display())))
     }
 
-    /// A line about the steps that the file is seen through, if there are any.
+    /// Returns a line that lists the view operations, if there are any.
     pub(crate) fn steps_text(&self) -> Option<String> {
         let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
         (!steps.is_empty()).then(|| format!("view of {}: {}", self.path.display(), steps.join(", ")))
     }
 
-    /// Another layer of the file, opened in the same way: an object of the same class.
+    /// Opens another layer of the file in the same way; returns an object of the same class.
     pub(crate) fn other_layer<'py>(
         &self,
         this: &Bound<'py, Tree>,
         name: &Bound<'py, PyString>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
-        // (The commit that is read, so that all layers are of one state.)
+        // (At the same commit, so that all layers have one state.)
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         this.get_type().call1((
             path_object(this.py(), &self.path)?,
@@ -148,7 +150,8 @@ impl Tree {
         ))
     }
 
-    /// Layers of the file as the channels of one tree, on the smallest of their cells, opened in the same way: an object of the same class.
+    /// Opens layers of the file as the channels of one tree, on the finest layer's cells, in the
+    /// same way; returns an object of the same class.
     pub(crate) fn composite<'py>(
         &self,
         this: &Bound<'py, Tree>,
@@ -158,7 +161,7 @@ impl Tree {
         let commit = self.get()?.tree.commit().map(|commit| commit.number);
         let finest = this.py().detach(|| -> spinney::Result<Option<&String>> {
             let file = self.open_file(commit)?;
-            // (A name that is no layer's may be that of a channel.)
+            // (A name that no layer has may be that of a channel.)
             let depth = |name: &&String| file.layer(name).map_or(0, |layer| layer.depth());
             let deepest = names.iter().map(|name| depth(&name)).max();
             Ok(names.iter().find(|name| Some(depth(name)) == deepest && file.layer(name).is_ok()))
@@ -171,7 +174,7 @@ impl Tree {
         this.get_type().call1((path, steps, commit, self.positioned, layer, &self.remote))
     }
 
-    /// Whether it is seen as it is in the file.
+    /// Returns whether there are no view operations.
     pub(crate) fn is_file(&self) -> bool {
         self.steps.is_empty()
     }
@@ -180,19 +183,19 @@ impl Tree {
         *self.opened.write().unwrap_or_else(PoisonError::into_inner) = opened;
     }
 
-    /// Layers of the file by their names, each seen as this one is, of the state that is read.
+    /// Opens layers of the file by name, with the same view operations and at the same commit.
     pub(crate) fn open_layers(&self, names: &[String]) -> spinney::Result<Vec<Arc<Opened>>> {
         let file = self.open_file(self.state())?;
         names.iter().map(|name| self.seen(file.layer(name)?)).collect()
     }
 
-    /// The commit that is read, if there are commits and the file is open.
+    /// Returns the commit that is read, if the file has commits and is open.
     fn state(&self) -> Option<u64> {
         let opened = self.opened.read().unwrap_or_else(PoisonError::into_inner);
         opened.as_ref().and_then(|opened| opened.tree.commit()).map(|commit| commit.number)
     }
 
-    /// Opens what is read; of a file that is open, perhaps, as it is.
+    /// Opens the tree; if the file is open already, its state is shared.
     fn open(&self, file: Option<&Opened>) -> spinney::Result<Arc<Opened>> {
         if let (Some(file), Some(layer)) = (file, &self.layer) {
             return self.seen(file.tree.layer(layer)?);
@@ -204,7 +207,7 @@ impl Tree {
         })
     }
 
-    /// Opens the file, or a commit of it: its first layer.
+    /// Opens the first layer of the file, or of a commit.
     fn open_file(&self, commit: Option<u64>) -> spinney::Result<Dataset> {
         let mut options = self.remote.options();
         if self.positioned {
@@ -221,7 +224,7 @@ impl Tree {
         dataset::open(&path, &options)
     }
 
-    /// A layer through the steps.
+    /// Applies the view operations to a layer.
     fn seen(&self, layer: Dataset) -> spinney::Result<Arc<Opened>> {
         let (tree, file) = match &self.steps[..] {
             [] => (layer, None),
@@ -239,7 +242,7 @@ impl Tree {
 impl Tree {
     #[new]
     #[pyo3(signature = (path, view, commit, positioned, layer, remote=RemoteAccess::default(), beside=None))]
-    #[allow(clippy::too_many_arguments)] // those of the Python class
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn new(
         py: Python<'_>,
         path: PathBuf,
@@ -261,7 +264,7 @@ impl Tree {
         let (path, commit) = (file.into_owned(), commit.or(named));
         let steps = view.iter().map(|step| step.parse().or_raise()).collect::<PyResult<Vec<ViewStep>>>()?;
         let tree = Tree { opened: RwLock::new(None), path, steps, commit, positioned, layer, remote };
-        // (Layers of a file that is open share it: there may be thousands. A view knows its own layer alone.)
+        // (Layers share an open file, as there may be thousands. A view only has its own layer.)
         let file = beside.filter(|_| tree.is_file()).map(|beside| beside.get().get()).transpose()?;
         let opened = py.detach(|| tree.open(file.as_deref())).or_raise()?;
         if let Some(remark) = opened.tree.remark().filter(|_| beside.is_none()) {
@@ -271,7 +274,7 @@ impl Tree {
         Ok(tree)
     }
 
-    /// Forgets the file; whoever is reading it at the moment can finish.
+    /// Closes the file; running reads can finish.
     fn close(&self) {
         self.set(None);
     }
@@ -281,7 +284,7 @@ impl Tree {
         self.opened.read().unwrap_or_else(PoisonError::into_inner).is_none()
     }
 
-    /// Moves on to the newest commit; returns whether there was a newer one.
+    /// Advances to the newest commit; returns whether there was a newer one.
     fn refresh(&self, py: Python<'_>) -> PyResult<bool> {
         let before = self.get()?.tree.commit().map(|commit| commit.number);
         if before.is_none() || self.commit.is_some() {
@@ -295,7 +298,8 @@ impl Tree {
         Ok(is_newer)
     }
 
-    /// Raises OSError if the file was overwritten since it was opened. Of a remote file its host is asked, with one request.
+    /// Raises OSError if the file was overwritten since it was opened. For a remote file this is
+    /// one request.
     fn check_unchanged(&self, py: Python<'_>) -> PyResult<()> {
         let opened = self.get()?;
         py.detach(|| {
@@ -305,7 +309,8 @@ impl Tree {
         .or_raise()
     }
 
-    /// Version of the file when it was opened (length, and time of modification or entity tag), then those that the files which a view names have now.
+    /// Returns the version of the file when it was opened (length, and modification time or entity
+    /// tag), then the current versions of the files that a view names.
     #[pyo3(name = "_versions")]
     fn versions(&self, py: Python<'_>) -> PyResult<Vec<Option<String>>> {
         let opened = self.get()?;
@@ -327,7 +332,7 @@ impl Tree {
         path_object(py, &self.path)
     }
 
-    /// Options of the store, and the file that Python reads.
+    /// Returns the store's options, and the file that Python reads.
     #[getter]
     fn _remote(&self) -> &RemoteAccess {
         &self.remote
@@ -343,11 +348,12 @@ impl Tree {
         self.positioned
     }
 
-    /// Names of the file's layers.
+    /// Returns the names of the file's layers.
     #[getter]
     fn names(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         let opened = self.get()?;
-        // (A view is of one layer, but others of its file can be seen in the same way.)
+        // (A view has one layer, but the same operations can be applied to the file's other
+        // layers.)
         let layers = match self.steps.is_empty() {
             true => opened.tree.layers().or_raise()?,
             false => {
@@ -361,19 +367,19 @@ impl Tree {
         Ok(layers.into_iter().map(|layer| layer.name).collect())
     }
 
-    /// Name of the layer that is read; empty if it is the only one and has none.
+    /// Returns the name of the current layer; empty for an only layer without a name.
     #[getter]
     fn layer(&self) -> PyResult<String> {
         Ok(self.get()?.tree.metadata().name.clone())
     }
 
-    /// Time of what is seen, if it is known.
+    /// Returns the acquisition time of the content, if known.
     #[getter]
     fn time(&self) -> PyResult<Option<String>> {
         Ok(self.get()?.tree.metadata().time.clone())
     }
 
-    /// Number of the commit that is read; `None` if the file has no commits.
+    /// Returns the number of the commit that is read; `None` if the file has no commits.
     #[getter]
     fn commit(&self) -> PyResult<Option<u64>> {
         Ok(self.get()?.tree.commit().map(|commit| commit.number))
@@ -394,13 +400,13 @@ impl Tree {
         Ok(self.get()?.tree.depth())
     }
 
-    /// Whether numbers of a level are approximate.
+    /// Returns whether the numbers of a level are approximate.
     #[pyo3(name = "_is_approximate")]
     fn is_approximate(&self, level: u8) -> PyResult<bool> {
         Ok(self.get()?.tree.is_approximate(level))
     }
 
-    /// Rows and columns of a level; planes first in octrees.
+    /// Returns the rows and columns of a level, in octrees with planes first.
     #[pyo3(name = "_shape_at")]
     fn shape_at(&self, level: Option<i64>) -> PyResult<Vec<u64>> {
         let opened = self.get()?;
@@ -408,13 +414,13 @@ impl Tree {
         Ok(size[..opened.axes()].iter().rev().copied().collect())
     }
 
-    /// Rows of the map from cells (x, y, z, 1) to the world.
+    /// Returns the rows of the matrix from cells (x, y, z, 1) to world coordinates.
     #[getter(_frame)]
     fn frame(&self) -> PyResult<[[f64; 4]; 3]> {
         Ok(self.get()?.tree.metadata().frame.matrix)
     }
 
-    /// Least and greatest coordinates in the world.
+    /// Returns the minimum and maximum world coordinates.
     #[getter(_world_box)]
     fn world_box(&self) -> PyResult<[[f64; 3]; 2]> {
         let opened = self.get()?;
@@ -426,7 +432,8 @@ impl Tree {
         Ok(self.get()?.tree.metadata().frame.crs.as_ref().map(crs_text))
     }
 
-    /// Well-known text of the coordinate system (of version 2), also of one that has a number; what is not known of it is an error.
+    /// Returns the coordinate system as WKT 2, also if it is an EPSG code. A code without a known
+    /// definition is an error.
     #[getter(_crs_wkt)]
     fn crs_wkt(&self) -> PyResult<Option<String>> {
         self.get()?.tree.metadata().frame.crs.as_ref().map(Crs::to_wkt2).transpose().or_raise()
@@ -438,28 +445,28 @@ impl Tree {
         opened.tree.metadata().nodata.map(|number| opened.told(py, number)).transpose()
     }
 
-    /// The number that VOID cells have in arrays.
+    /// Returns the number that VOID cells have in arrays.
     #[getter]
     fn fill_value<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         let opened = self.get()?;
         opened.told(py, opened.void()?)
     }
 
-    /// Whether a number is left that VOID can have in arrays, as no cell has it as its value.
+    /// Returns whether some number is no cell's value, and hence available for VOID in arrays.
     #[pyo3(name = "_has_free_number")]
     fn has_free_number(&self, py: Python<'_>) -> PyResult<bool> {
         let opened = self.get()?;
         Ok(py.detach(|| void_number(&opened.tree)).or_raise()?.is_some())
     }
 
-    /// The sample that means that a cell has none in a channel, if there is one.
+    /// Returns the sample that marks a missing channel value, if there is one.
     #[getter(_missing)]
     fn missing<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyAny>>> {
         let opened = self.get()?;
         opened.missing().map(|number| opened.told(py, number)).transpose()
     }
 
-    /// All else that is told, by name.
+    /// Returns all other metadata, by name.
     #[pyo3(name = "_facts")]
     fn facts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let opened = self.get()?;

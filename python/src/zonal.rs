@@ -19,22 +19,24 @@ use crate::files::check_output;
 use crate::jobs::{self, Terms, Work};
 use crate::tree::{Opened, Tree};
 
-/// Cells that are there, VOID and outside, numbers of each channel, and cells of each class.
+/// Valid, VOID and outside cells, numbers of each channel, and cells per class.
 type Zone<'py> = ((f64, f64, f64), Vec<ZoneNumbers<'py>>, Vec<(Bound<'py, PyAny>, f64)>);
 
-/// Cells, least and greatest sample, mean, standard deviation and sum of a channel; what single values tell.
+/// Cells, minimum, maximum, mean, standard deviation and sum of a channel, and the statistics of
+/// single values.
 type ZoneNumbers<'py> = (f64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, f64, f64, Option<ValueNumbers<'py>>);
 
-/// Variety, majority, minority, median, and the quantiles that were asked for.
+/// Variety, majority, minority, median, and the requested quantiles.
 type ValueNumbers<'py> = (u64, Bound<'py, PyAny>, Bound<'py, PyAny>, f64, Vec<f64>);
 
 #[pymethods]
 impl Tree {
-    /// Statistics of the cells in each polygon of some documents, each with the definition of its coordinate system: `world` is
-    /// the tree's own, and without one it is what the document says. Features are those that are chosen. A list for
-    /// each of some layers, or for the one that is open. Polygons of one system that all lie outside may be an error.
+    /// Returns statistics of the cells in each polygon of several documents, each with the
+    /// definition of its coordinate system: `world` is the tree's own, `None` that of the document.
+    /// Only selected features count. There is a list per layer, or one for the open layer. It can
+    /// be an error if all polygons of one coordinate system are outside.
     #[pyo3(name = "_zones")]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn zones<'py>(
         &self,
         py: Python<'py>,
@@ -52,7 +54,7 @@ impl Tree {
             let trees: Vec<&Dataset> = opened.iter().map(|opened| &opened.tree).collect();
             let has_system = trees.iter().all(|tree| tree.metadata().frame.crs.is_some());
             let (coordinates, layers) = layers_of(&documents, (&filter, memory), has_system, work)?;
-            // The polygons are brought to each grid once, of which layers may share one.
+            // Polygons are transformed once per grid; layers may share a grid.
             let same = Dataset::same_cells(&trees);
             let grids: Vec<usize> = (0..trees.len()).filter(|number| same[*number] == *number).collect();
             let mut polygons: Vec<Vec<Option<Polygon>>> = vec![Vec::new(); grids.len()];
@@ -82,10 +84,10 @@ impl Tree {
         opened.iter().zip(&zones).map(of_layer).collect()
     }
 
-    /// Writes the features of a file, in coordinates that are given, or in its own, joined with the statistics of the cells in them; returns their
-    /// number.
+    /// Writes the features of a file, in given coordinates or in its own, joined with the
+    /// statistics of their cells; returns the number of features.
     #[pyo3(name = "_write_zones")]
-    #[allow(clippy::too_many_arguments)] // those of the Python function
+    #[allow(clippy::too_many_arguments)] // as in Python
     fn write_zones(
         &self,
         py: Python<'_>,
@@ -106,7 +108,7 @@ impl Tree {
         let coordinates: Option<Coordinates> = coordinates.map(|text| text.parse()).transpose().or_raise()?;
         let memory = asked.1;
         let (filter, mut request) = request_of(edge, asked)?;
-        // (Half is for values, where they are asked for.)
+        // (If values are requested, they get half.)
         request.memory = memory / 2;
         let memory = if request.needs_values() { memory - request.memory } else { memory };
         let options = FeatureOptions { memory, filter, attributes, ..FeatureOptions::default() };
@@ -122,7 +124,7 @@ impl Tree {
 }
 
 impl Tree {
-    /// The layers of these names, or the one that is open.
+    /// Returns the layers with these names, or the open one.
     fn asked_layers(&self, py: Python<'_>, layers: Option<Vec<String>>) -> PyResult<Vec<Arc<Opened>>> {
         match layers {
             Some(names) => py.detach(|| self.open_layers(&names)).or_raise(),
@@ -131,7 +133,7 @@ impl Tree {
     }
 }
 
-/// Questions to zones: which features, bytes of memory, names of measures, and quantiles.
+/// Zonal request: selected features, memory in bytes, names of measures, and quantiles.
 type Asked = (Chosen, u64, Vec<String>, Vec<f64>);
 
 fn request_of(edge: &str, asked: Asked) -> PyResult<(FeatureFilter, ZonalRequest)> {
@@ -149,20 +151,23 @@ fn request_of(edge: &str, asked: Asked) -> PyResult<(FeatureFilter, ZonalRequest
     Ok((filter, request))
 }
 
-/// Features that are asked for.
+/// Selected features.
 #[derive(FromPyObject)]
 enum Chosen {
-    /// Those for which all of this holds, as in `code>=3,kind!=lake`.
+    /// Features that meet all conditions, as in `code>=3,kind!=lake`.
     Conditions(String),
-    /// Those with these values of attributes.
+    /// Features with these attribute values.
     Values(Vec<(String, String)>),
 }
 
-/// A text of GeoJSON, or the path of a file of features; the definition of its coordinate system; whether it is a path.
+/// GeoJSON string, or the path of a feature file; the definition of its coordinate system; whether
+/// it is a path.
 type Document = (String, Option<String>, bool);
 
-/// The features of documents for which a filter's conditions hold, and their coordinates; those of a file must fit into so many bytes of memory. Those of one system after each other are one
-/// layer: all of it must lie outside of the tree for that to be an error.
+/// Returns the features of documents that pass a filter, and their coordinates. The features of a
+/// file must fit into `memory` bytes. Consecutive documents with one coordinate system form one
+/// layer: the error for features outside of the tree applies only if all of its features are
+/// outside.
 fn layers_of(
     documents: &[Document],
     (filter, memory): (&FeatureFilter, u64),
@@ -184,7 +189,7 @@ fn layers_of(
             None => layer.coordinates(),
         };
         match layers.last_mut() {
-            // (Nobody asks for their attributes any more.)
+            // (Their attributes are no longer needed.)
             Some(last) if systems.last() == Some(&coordinates) => last.features.extend(layer.features),
             _ => {
                 systems.push(coordinates);

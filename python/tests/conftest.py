@@ -1,4 +1,4 @@
-"""What tests share: fixtures' paths, the program, random trees."""
+"""Common fixtures: paths, the program, random trees."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ settings.load_profile("spinney")
 
 @pytest.fixture
 def heeded_interruption() -> Iterator[None]:
-    """Interruption by Ctrl-C, which shells have ignored of what they start in the background."""
+    """Enables Ctrl-C, which shells disable for background processes."""
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    # (What is raised while callbacks of the collector run is lost.)
+    # (An exception during the garbage collector's callbacks is lost.)
     gc.disable()
     yield
     gc.enable()
@@ -56,7 +56,7 @@ def island(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture(scope="session")
 def relief(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A tree of the island's heights."""
+    """A tree of the island's elevation."""
     path = str(tmp_path_factory.mktemp("relief") / "relief.goblin")
     spinney.build(FIXTURES / "island_elevation.tif", path)
     return path
@@ -72,7 +72,7 @@ def history(tmp_path: Path) -> str:
 
 @pytest.fixture(scope="session")
 def program() -> str:
-    """The program, where it has been built."""
+    """The program, if it has been built."""
     path = os.environ.get("SPINNEY_PROGRAM", str(ROOT / "target" / "debug" / "spinney"))
     if not os.path.exists(path):
         pytest.skip(f"there is no program at {path}; set SPINNEY_PROGRAM")
@@ -80,14 +80,14 @@ def program() -> str:
 
 
 def run(program: str, *words: object) -> str:
-    """What the program prints."""
+    """Returns the program's standard output."""
     done = subprocess.run([program, *map(str, words)], capture_output=True, text=True, timeout=60)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def noise(shape: tuple[int, ...], dtype: str, seed: int = 1) -> np.ndarray:
-    """Samples with uniform blocks and noise in them."""
+    """Returns samples with uniform blocks and noise."""
     random = np.random.default_rng(seed)
     small = random.integers(0, 200, tuple(-(-length // 16) for length in shape))
     array = small

@@ -1,4 +1,6 @@
-"""Jobs whose pictures, folders and outputs are in buckets: the bytes are those of one process, whatever goes wrong on the way."""
+"""Jobs whose rasters, directories and outputs are in buckets: the bytes are those of one process,
+whatever fails meanwhile.
+"""
 
 from __future__ import annotations
 
@@ -49,14 +51,14 @@ class Runner:
         self.environment = {**own, **maps.environment}
 
     def __call__(self, *words: object, **environment: str) -> str:
-        """The words of a step that does what it should."""
+        """Runs a subcommand that must succeed; returns its messages."""
         done = self.start(*words, **environment)
         said = done.communicate(timeout=120)[1]
         assert done.returncode == 0, (words, said)
         return said
 
     def fails(self, *words: object, **environment: str) -> str:
-        """The words of a step that fails."""
+        """Runs a subcommand that must fail; returns its messages."""
         done = self.start(*words, **environment)
         said = done.communicate(timeout=120)[1]
         assert done.returncode == 1, (words, done.returncode, said)
@@ -77,7 +79,7 @@ def run(program: str, maps: Bucket) -> Iterator[Runner]:
 
 
 def read(maps: Bucket, place: object) -> bytes:
-    """The bytes of a file here or in the bucket."""
+    """Returns the bytes of a local file or of one in the bucket."""
     name = str(place)
     return maps.get(name.removeprefix("s3://maps/")) if name.startswith("s3:") else Path(name).read_bytes()
 
@@ -87,7 +89,7 @@ def put_tiles(maps: Bucket, folder: Path, **options: Any) -> list[str]:
 
 
 def noise(path: Path, side: int) -> Path:
-    """A picture that is as large when it is a tree."""
+    """Writes a raster that does not get smaller as a tree."""
     samples = np.random.default_rng(1).integers(0, 256, (side, side), dtype=np.uint8)
     with rasterio.open(path, "w", driver="GTiff", width=side, height=side, count=1, dtype="uint8", tiled=True, nodata=0) as out:
         out.write(samples, 1)
@@ -117,7 +119,7 @@ def test_any_number_of_shards(tmp_path: Path, maps: Bucket, run: Runner, shards:
         list(pool.map(lambda number: run("shard", "build", "s3://maps/job/", number), range(shards)))
     run("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin")
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
-    # What is made is not made again.
+    # Existing shards are not built again.
     before = {name: maps.client.head_object(Bucket="maps", Key=name)["LastModified"] for name in maps.names("job/")}
     maps.counts()
     assert "is made already" in run("shard", "build", "s3://maps/job", 0)
@@ -127,7 +129,8 @@ def test_any_number_of_shards(tmp_path: Path, maps: Bucket, run: Runner, shards:
 
 
 def test_layers_formats_and_what_stands_beside(tmp_path: Path, maps: Bucket, run: Runner) -> None:
-    # A virtual raster of two pictures, of which one has a world file, a system and a sidecar beside it, and a picture from the top down.
+    # A virtual raster of two images, one of which has a world file, a coordinate system and a
+    # sidecar file, and an image that is read top down.
     samples = np.random.default_rng(2).integers(0, 255, (120, 160), dtype=np.uint8)
     for name, driver in [("a.png", "PNG"), ("b.tif", "GTiff")]:
         with rasterio.open(tmp_path / name, "w", driver=driver, width=160, height=120, count=1, dtype="uint8") as out:
@@ -157,7 +160,7 @@ def test_layers_formats_and_what_stands_beside(tmp_path: Path, maps: Bucket, run
             run("shard", "build", f"s3://maps/job-{name}", number)
         run("shard", "merge", f"s3://maps/job-{name}", "-o", f"s3://maps/{name}.goblin")
         assert maps.get(f"{name}.goblin") == (tmp_path / "far.goblin").read_bytes()
-    # A file that has come since it was planned is another input.
+    # A sidecar file that was added after planning is a changed input.
     maps.put("in/both.prj", b"")
     run("shard", "plan", "s3://maps/in/b.tif", "-o", "s3://maps/other", "--shards", 1)
     maps.put("in/b.tfw", b"10\n0\n0\n-10\n5\n-5\n")
@@ -170,7 +173,7 @@ def test_pictures_of_a_web_server(tmp_path: Path, maps: Bucket, run: Runner) -> 
         urls = [f"{server.url}/tile_{number}.tif?signature=a.b/c" for number in range(4)]
         run("build", *urls, "-o", tmp_path / "whole.goblin")
         run("shard", "plan", *urls, "-o", tmp_path / "job", "--shards", 3)
-        # Queries of URLs, which may be signatures, are not in the plan.
+        # URL queries, which may be signatures, are not in the plan.
         assert "--signed-urls" in run.fails("shard", "build", tmp_path / "job", 0)
         signed = tmp_path / "signed.txt"
         signed.write_text("\n".join(urls))
@@ -179,7 +182,7 @@ def test_pictures_of_a_web_server(tmp_path: Path, maps: Bucket, run: Runner) -> 
             run("shard", "build", tmp_path / "job", number, **given)
         run("shard", "merge", tmp_path / "job", "-o", "s3://maps/out.goblin")
         assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes()
-        # Another state of a picture.
+        # Another version of a raster.
         run("shard", "plan", *urls, "-o", tmp_path / "other", "--shards", 1)
         os.utime(tmp_path / "tiles" / "tile_2.tif", ns=(1, 1))
         assert "tile_2" in run.fails("shard", "build", tmp_path / "other", 0, **given)
@@ -211,10 +214,10 @@ def test_other_inputs_than_planned_are_refused(tmp_path: Path, maps: Bucket, run
     assert not maps.names("job/shards/")
     maps.client.delete_object(Bucket="maps", Key="in/tile_1.tif")
     assert "there is no such file" in run.fails("shard", "build", "s3://maps/job", 0)
-    # The same bytes again have the same tag.
+    # Equal bytes have an equal tag.
     maps.put("in/tile_1.tif", same)
     run("shard", "build", "s3://maps/job", 0)
-    # What changes while a shard is built is no shard either.
+    # An input that changes while a shard is built fails the shard.
     run("shard", "plan", *urls, "-o", "s3://maps/next", "--shards", 1)
     maps.fail("slow", lambda method, path: method == "GET" and "tile_3" in path, seconds=1)
     process = run.start("shard", "build", "s3://maps/next", 0)
@@ -226,13 +229,13 @@ def test_other_inputs_than_planned_are_refused(tmp_path: Path, maps: Bucket, run
 def test_plans_appear_once(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     urls = put_tiles(maps, tmp_path / "tiles")
     plan = ["shard", "plan", *urls, "-o", "s3://maps/job", "--shards"]
-    # What is cut off before the plan is there is no job, and can be planned again.
+    # Planning that fails before the plan is written leaves no job, and can be repeated.
     maps.fail("expired", lambda method, path: method == "PUT" and "plan.json" in path)
     assert "ExpiredToken" in run.fails(*plan, 3)
     assert maps.names("job/") == ["job/head.goblin"]
     assert "without a job" in run.fails("shard", "build", "s3://maps/job", 0)
     maps.mend()
-    # Two at once.
+    # Two processes at once.
     maps.fail("slow", lambda method, path: method == "PUT", seconds=0.5)
     both = [run.start(*plan, 3) for _ in range(2)]
     assert [process.wait(60) for process in both] == [0, 0]
@@ -244,7 +247,7 @@ def test_plans_appear_once(tmp_path: Path, maps: Bucket, run: Runner) -> None:
 def test_busy_hosts_and_cut_answers_are_asked_again(tmp_path: Path, maps: Bucket, run: Runner) -> None:
     urls = put_tiles(maps, tmp_path / "tiles")
     run("build", *urls, "-o", tmp_path / "whole.goblin")
-    # (One fault for a request that comes again, of all kinds, in all steps.)
+    # (A fault in one request, which is retried, of each kind, for each subcommand.)
     for _ in range(2):
         for method, kind in [("GET", "500"), ("HEAD", "500"), ("PUT", "500"), ("GET", "cut"), ("GET", "slow")]:
             maps.fail(kind, lambda asked, path, method=method: asked == method, after=2, times=2, seconds=0.3)
@@ -266,14 +269,14 @@ def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, r
         maps.mend()
         assert not maps.uploads() and maps.names("job/shards/") + maps.names("out") == names
 
-    # A run file is uploaded in parts: one that fails, and the end of it.
+    # A run file is a multipart upload: one part fails, and the completion fails.
     for method in ("PUT", "POST"):
         maps.fail("expired", lambda asked, path, method=method: asked == method and "uploadId" in path, after=1 if method == "PUT" else 0)
         fails("shard", "build", "s3://maps/job", 0, names=[])
     run("shard", "build", "s3://maps/job", 0)
     made = maps.names("job/shards/")
     assert any(name.endswith(".run") for name in made) and any(name.endswith(".summary") for name in made)
-    # The light file comes last.
+    # The summary is uploaded last.
     maps.fail("expired", lambda method, path: method == "PUT" and ".summary" in path)
     said = run.fails("shard", "build", "s3://maps/job", 1)
     maps.mend()
@@ -281,12 +284,12 @@ def test_what_fails_in_the_middle_leaves_nothing(tmp_path: Path, maps: Bucket, r
     assert "1 is missing" in run.fails("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin")
     run("shard", "build", "s3://maps/job", 1)
     made = maps.names("job/shards/")
-    # Merging: a segment that does not come, and a part that does not go.
+    # Merging: a segment that cannot be read, and a part that cannot be uploaded.
     maps.fail("expired", lambda method, path: method == "GET" and "0001-0.run" in path, after=3)
     fails("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin", names=made)
     maps.fail("expired", lambda method, path: method == "PUT" and "uploadId" in path, after=1)
     fails("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin", names=made)
-    # Two at once.
+    # Two processes at once.
     both = [run.start("shard", "merge", "s3://maps/job", "-o", "s3://maps/out.goblin") for _ in range(2)]
     assert [process.wait(120) for process in both] == [0, 0]
     assert maps.get("out.goblin") == (tmp_path / "whole.goblin").read_bytes() and not maps.uploads()
@@ -337,7 +340,7 @@ def test_the_package_and_a_cluster_of_dask(tmp_path: Path, maps: Bucket, run: Ru
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
         distributed.Client(cluster) as client,
     ):
-        # A run that was cut off goes on with its shards.
+        # A cancelled run continues with its shards.
         begun = shards.plan(urls, "s3://maps/out.goblin.job", shards=3)
         begun.build(begun.missing()[0])
         left = len(begun.missing())

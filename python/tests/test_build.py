@@ -1,4 +1,6 @@
-"""Building: from arrays of any kind, block by block, and from files; interruption leaves nothing behind."""
+"""Building: from arrays of any kind, block by block, and from files; cancellation leaves no partial
+output.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,7 @@ import spinney
 
 
 def cells(path: Path | str) -> np.ndarray:
-    """All cells of a tree, bands first."""
+    """Returns all cells of a tree, bands first."""
     with spinney.open(path) as ds:
         return ds.read()
 
@@ -241,7 +243,7 @@ def test_files_are_built_as_by_the_program(program: str, tmp_path: Path) -> None
 
 
 def bands(array: np.ndarray) -> Iterator[np.ndarray]:
-    """Rows of an array, some at a time."""
+    """Yields rows of an array, some at a time."""
     for row in range(0, len(array), 7):
         yield array[row : row + 7]
 

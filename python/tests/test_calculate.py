@@ -1,4 +1,4 @@
-"""Arithmetic with cells, every operator against NumPy."""
+"""Arithmetic with cells: every operator against NumPy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ NODATA = -7
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str, dict[str, np.ndarray]]:
-    """A file of one band and another one of two, with VOID cells, and their numbers, NaN where they are VOID."""
+    """A file of one band and another one of two, with VOID cells, and their numbers, NaN for
+    VOID.
+    """
     folder = tmp_path_factory.mktemp("scene")
     random = np.random.default_rng(1991)
     one = random.integers(-6, 9, SHAPE).astype(np.int16)
@@ -50,7 +52,7 @@ def logical(function: object):
 
 
 def skipping(function: object):
-    """A reducer, without the warning about cells that are VOID in all bands."""
+    """Returns a reducer that does not warn about cells that are VOID in all bands."""
 
     def reduce(*of: np.ndarray) -> np.ndarray:
         stack = np.stack(np.broadcast_arrays(*of))

@@ -1,4 +1,4 @@
-"""Work of a cluster of Dask: results are those of one machine, also if workers die."""
+"""Jobs on a Dask cluster: results are those of one machine, also if workers die."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_builds_are_those_of_one_machine(tmp_path: Path, client: Any) -> None:
     spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, shards=5, codec="packed", progress=lambda now, all: done.append((now, all)))
     assert (tmp_path / "merged.goblin").read_bytes() == (tmp_path / "whole.goblin").read_bytes()
     assert done[-1][0] == done[-1][1] > 0
-    # Nothing of the job is left.
+    # No file of the job is left.
     assert sorted(path.name for path in tmp_path.iterdir()) == ["merged.goblin", "tiles", "whole.goblin"]
 
 
@@ -63,7 +63,7 @@ def test_a_worker_that_is_killed_costs_its_shards_alone(tmp_path: Path, client: 
 
     def kill() -> None:
         folder = tmp_path / "job" / "shards"
-        # (As soon as some shards are there, and again later.)
+        # (As soon as some shards exist, and again later.)
         for least in (1, 5):
             while not stop.is_set() and (not folder.exists() or len(list(folder.glob("*.summary"))) < least):
                 time.sleep(0.01)
@@ -88,7 +88,7 @@ def test_what_fails_is_told(tmp_path: Path, client: Any) -> None:
     paths[1].write_bytes(paths[1].read_bytes()[:5000])
     with pytest.raises((OSError, ValueError), match="tile_1"):
         spinney.dask.build(paths, tmp_path / "merged.goblin", client=client, job=tmp_path / "job", shards=4, retries=0)
-    # The job is there for another try, and nothing else.
+    # Only the job is left, for another attempt.
     assert (tmp_path / "job" / "plan.json").exists()
     assert not (tmp_path / "merged.goblin").exists()
 

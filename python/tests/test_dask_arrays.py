@@ -1,4 +1,4 @@
-"""Arrays and trees that a cluster of Dask makes trees of: the bytes are those of one machine."""
+"""Trees built from arrays and trees on a Dask cluster: the bytes are those of one machine."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ xr = pytest.importorskip("xarray")
 
 
 def squares(shape: tuple[int, ...], seed: int = 1) -> Any:
-    """Numbers in squares of eight cells, some of which are uniform."""
+    """Returns numbers in squares of eight cells, some of which are uniform."""
     random = np.random.default_rng(seed)
     small = random.integers(0, 6, tuple(-(-length // 8) for length in shape), dtype=np.uint8)
     for axis in range(len(shape)):
@@ -40,13 +40,13 @@ def same(folder: Path) -> bool:
 @pytest.mark.parametrize("codec", ["plain", "packed"])
 def test_an_array_of_dask(tmp_path: Path, client: Any, codec: Any) -> None:  # noqa: F811
     cells = squares((1300, 1100))
-    # Chunks that lie across shards and blocks.
+    # Chunks that cross the borders of shards and blocks.
     array = da.from_array(cells, chunks=(300, 450))
     options: dict[str, Any] = {"codec": codec, "nodata": 3, "kind": "categorical", "transform": (2, 0, 5, 0, -2, 9), "crs": "EPSG:32633"}
     spinney.build(cells, tmp_path / "whole.goblin", **options)
     spinney.dask.build(array, tmp_path / "merged.goblin", client=client, shards=7, **options)
     assert same(tmp_path)
-    # As few as one, more than there are nodes, and an array that is on the cluster.
+    # One shard, more shards than nodes, and an array that is persisted on the cluster.
     for count, source in [(1, array), (64, array), (5, array.persist())]:
         spinney.dask.build(source, tmp_path / "merged.goblin", client=client, shards=count, memory="32M", **options)
         assert same(tmp_path)
@@ -105,10 +105,10 @@ def test_a_job_of_arrays_goes_on_and_is_not_mixed(tmp_path: Path, client: Any) -
     with pytest.raises(ZeroDivisionError):
         spinney.dask.build(broken, tmp_path / "merged.goblin", client=client, job=job, shards=6, retries=0)
     assert not (tmp_path / "merged.goblin").exists()
-    # Another array is not that of the job.
+    # Another array than the job's.
     with pytest.raises((OSError, ValueError), match="job"):
         spinney.dask.build(array, tmp_path / "merged.goblin", client=client, job=job)
-    # (Shards of arrays are for whoever has them.)
+    # (Shards of arrays can only be built by a process that has the arrays.)
     left = shards.Job(job).missing()
     with pytest.raises((OSError, ValueError), match="arrays"):
         shards.Job(job).build(left[-1])
@@ -174,7 +174,7 @@ def test_tiles_are_those_of_one_machine(tmp_path: Path, client: Any) -> None:  #
     spinney.build(CLASSES, tmp_path / "island.goblin")
     with spinney.open(tmp_path / "island.goblin") as tree:
         count = tree.export(tmp_path / "whole.pmtiles", zoom=(0, 11), style="viridis")
-        # By hand, and the other way round.
+        # In a single process, and in another order.
         for number in (2, 0, 1):
             tree.export(tmp_path / f"{number}.pmtiles", zoom=(0, 11), style="viridis", part=(number, 3))
         parts = [tmp_path / f"{number}.pmtiles" for number in range(3)]
@@ -215,7 +215,7 @@ def test_chunks_are_computed_once_while_there_is_memory() -> None:
             key = (slice(y, min(y + 16, 100)), slice(x, min(x + 16, 130)))
             assert np.array_equal(chunks[key], cells[key])
     assert len(counted) == len(set(counted)) == 16
-    # With little memory they come again, and stay right.
+    # With little memory, chunks are computed again, and are still correct.
     few = Chunks(array, 2000)
     few.scheduler = "single-threaded"
     assert np.array_equal(few[10:90, 5:125], cells[10:90, 5:125])

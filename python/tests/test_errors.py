@@ -1,4 +1,4 @@
-"""Errors: of the kind that Python's own functions raise, and never the end of the process."""
+"""Errors: of the same classes as those of Python's own functions, without ending the process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Exact models, as the reader of tests/foreign has them, which was written by the letter of formats.md."""
+"""Exact models, read by the reader in tests/foreign, which implements formats.md independently."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def torus() -> str:
 
 
 def frame() -> str:
-    """A block with a tunnel; the tunnel's ends are holes, which bridges join to their faces."""
+    """Returns a block with a tunnel; the tunnel's ends are holes, which bridges connect to their
+    faces.
+    """
     square = [(0, 0), (1, 0), (1, 1), (0, 1)]
     points = [(x * 8 - 3, y * 8, z * 4 + 100) for z in (0, 1) for x, y in square]
     points += [(x * 3 - 1, y * 3 + 2, z * 4 + 100) for z in (0, 1) for x, y in square]
@@ -60,7 +62,8 @@ def test_foreign_reader(program: str, tmp_path: Path, make: Callable[[], str], o
         assert {len(face.rings) for face in model.faces} == {1, 2}
     elif leaf_size == 0:
         assert len(model.segments) > 1
-    # Points anywhere, on corners, between them, and where many walls of cells are: in halves of the grid's unit.
+    # Points anywhere, on vertices, between them, and on many cell walls: in halves of the grid
+    # unit.
     random = np.random.default_rng(5)
     corners = 2 * np.array([ring[:3] for face in model.faces for ring in face.rings], np.int64).reshape(-1, 3)
     near = random.choice(corners, 100)
@@ -74,7 +77,7 @@ def test_foreign_reader(program: str, tmp_path: Path, make: Callable[[], str], o
     with spinney.open_brep(path) as opened:
         assert opened.locate(world).tolist() == [{None: 0, True: 1, False: -1}[answer] for answer in answers]
     assert {None, True, False} == set(answers)
-    # The octree says what all faces together say.
+    # The octree agrees with the winding number of all faces.
     for point, answer in list(zip(points, answers))[:: 12 if make is torus else 3]:
         assert answer is None or answer == (model.winding(tuple(map(int, point))) == 1)
 

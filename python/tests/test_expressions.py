@@ -1,4 +1,4 @@
-"""Random expressions over layers with VOID, against NumPy; and texts that are no expressions."""
+"""Random expressions over layers with VOID, against NumPy; and invalid expressions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Numbers = dict[str, np.ndarray]
 
 @pytest.fixture(scope="module")
 def layers(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Numbers]:
-    """A file of layers of several types, and their numbers as f64, NaN where they are VOID."""
+    """A file of layers of several types, and their numbers as f64, NaN for VOID."""
     random, path = np.random.default_rng(1991), tmp_path_factory.mktemp("layers") / "layers.goblin"
     arrays, numbers = {}, {}
     for name, dtype in NAMES.items():
@@ -38,7 +38,7 @@ def layers(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Numbers]:
 
 
 def together(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """VOID where one of the operands is."""
+    """VOID if one of the operands is."""
 
     def result(*of: np.ndarray) -> np.ndarray:
         with np.errstate(all="ignore"):
@@ -50,7 +50,7 @@ def together(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
 
 
 def reduced(function: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
-    """What is VOID is left out."""
+    """VOID operands are skipped."""
 
     def result(*of: np.ndarray) -> np.ndarray:
         stack = np.stack(of)
@@ -86,13 +86,13 @@ BINARY: dict[str, Callable[..., np.ndarray]] = {
     "&": np.logical_and,
     "|": np.logical_or,
 }
-# As they bind, the loosest first; those of one row from the left.
+# By precedence, loosest first; those of one row are left-associative.
 ROWS = [("or", "|"), ("and", "&"), ("<", "<=", ">", ">=", "==", "!="), ("+", "-"), ("*", "/")]
 REDUCERS = {"min": np.nanmin, "max": np.nanmax, "mean": np.nanmean, "median": np.nanmedian}
 
 
 class Maker:
-    """Makes random expressions with what NumPy says that they are."""
+    """Generates random expressions, and their values by NumPy."""
 
     def __init__(self, seed: int, numbers: Numbers) -> None:
         self.random = np.random.default_rng(seed)
@@ -107,7 +107,7 @@ class Maker:
         return text, np.full(SHAPE, float(text))
 
     def operand(self, depth: int) -> tuple[str, np.ndarray]:
-        """What binds tightest."""
+        """Returns an operand of the highest precedence."""
         choice = self.random.random()
         if depth <= 0 or choice < 0.3:
             return self.name() if self.random.random() < 0.75 else self.constant()
@@ -122,7 +122,7 @@ class Maker:
             parts = [self.row(depth - 1) for _ in range(3)]
             return f"where({', '.join(text for text, _ in parts)})", where(*(cells for _, cells in parts))
         if choice < 0.9:
-            # (Numbers that are the same for all cells are told in a test of their own.)
+            # (Numbers that are equal for all cells have their own test.)
             parts = [self.varying(depth - 1) for _ in range(self.random.integers(1, 5))]
             name = str(self.random.choice([*REDUCERS, "count"]))
             function = count if name == "count" else reduced(REDUCERS[name])
@@ -133,13 +133,13 @@ class Maker:
         return f"(not {text})", together(np.logical_not)(cells)
 
     def varying(self, depth: int) -> tuple[str, np.ndarray]:
-        """An operand that has to do with cells."""
+        """Returns an operand that depends on cells."""
         text, cells = self.operand(depth)
         name, more = self.name()
         return f"{name} + {text}", together(np.add)(more, cells)
 
     def row(self, depth: int, row: int = 0) -> tuple[str, np.ndarray]:
-        """Operands with operators that bind as those of a row, or tighter."""
+        """Returns operands with operators of a row, or of higher precedence."""
         if row == len(ROWS) or self.random.random() < 0.3:
             return self.operand(depth)
         text, cells = self.row(depth, row + 1)
@@ -185,7 +185,7 @@ def test_no_text_does_more_than_fail(layers: tuple[Path, Numbers], seed: int) ->
     path, _ = layers
     random, answered = np.random.default_rng(seed), 0
     texts = ["".join(random.choice(TOKENS, random.integers(0, 14))) for _ in range(400)]
-    # What is nearly an expression: with a token too many, or too few.
+    # Almost valid expressions: with an additional token, or a missing one.
     for number in range(150):
         words = Maker(1000 * seed + number, {name: np.zeros(SHAPE) for name in NAMES}).row(2)[0].split(" ")
         place = int(random.integers(0, len(words)))

@@ -1,4 +1,6 @@
-"""Features in GeoPackage and FlatGeobuf: what is written is read back by every function that takes features."""
+"""Features in GeoPackage and FlatGeobuf: every function that takes features reads back what was
+written.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +51,7 @@ def test_lines_are_read_back(tmp_path: Path, ending: str) -> None:
         expected = tree.features()
     spinney.build_lines(file, tmp_path / "again.goblin")
     with spinney.open_lines(tmp_path / "again.goblin") as tree:
-        # (FlatGeobuf has its features in the order of its index.)
+        # (FlatGeobuf stores its features in index order.)
         found = sorted(tree.features(), key=lambda feature: feature["properties"]["number"])
         assert tree.crs == "EPSG:25833"
     assert [(one["properties"], one["geometry"]) for one in found] == [(one["properties"], one["geometry"]) for one in expected]

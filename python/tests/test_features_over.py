@@ -1,4 +1,4 @@
-"""Features over the cells of trees: filled, combined, searched."""
+"""Features rasterized to the cells of trees: filled, combined, searched."""
 
 import json
 from pathlib import Path
@@ -21,7 +21,7 @@ def feature(name: str, code: int, geometry: dict | None) -> dict:
 
 
 class Frame:
-    """What a GeoDataFrame is to those who read it: features, and their coordinate system."""
+    """A minimal GeoDataFrame: features, and their coordinate system."""
 
     def __init__(self, features: list[dict], crs: str | None) -> None:
         self.crs = crs

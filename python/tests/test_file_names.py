@@ -1,4 +1,6 @@
-"""Files by whatever names them: paths, URLs, files of fsspec, open files; options of stores; and files that are refused."""
+"""Names of files: paths, URLs, fsspec files, open files; options of stores; and files that are
+refused.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +93,7 @@ def test_files_of_fsspec_name_files(tmp_path: Path) -> None:
         spinney.verify(fsspec.open("memory://data/t.goblin"))
     with pytest.raises(ValueError, match="compression"):
         spinney.open(fsspec.open("memory://data/t.goblin", compression="gzip"))
-    # URLs that fsspec alone knows.
+    # URLs that only fsspec knows.
     np.testing.assert_array_equal(spinney.open("simplecache::memory://data/t.goblin").read(), spinney.open(local).read())
     with pytest.raises(ValueError, match="fsspec|Protocol"):
         spinney.open("nothing-of-the-kind://x.goblin")
@@ -151,7 +153,8 @@ def test_files_of_unknown_origin(tmp_path: Path) -> None:
             for use in (spinney.open, spinney.verify, spinney.open_points, spinney.open_brep):
                 with pytest.raises(ValueError, match="--no-remote"):
                     use(url)
-        # What was opened with it keeps it: for files that a view names, for copies, and for other layers.
+        # Objects that were opened with it keep it: for files that a view names, for copies, and for
+        # other layers.
         with spinney.open(tmp_path / "t.goblin", no_remote=True) as ds:
             again = pickle.loads(pickle.dumps(ds))
             assert again._remote[2] == (True, False)

@@ -1,4 +1,6 @@
-"""Trees of points and of lines, as the readers of tests/foreign have them, which were written by the letter of formats.md."""
+"""Point trees and line trees, read by the readers in tests/foreign, which implement formats.md
+independently.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def told(program: str, path: Path, tree: Points) -> Counter[tuple[float | str, ...]]:
-    """The points that the program writes as CSV, in steps of the grid."""
+    """Returns the points that the program writes as CSV, in grid units."""
     rows = csv.DictReader(io.StringIO(run(program, "-q", "get", path, "-", "--format", "csv")))
     assert rows.fieldnames == [column.name for column in tree.columns]
     found: Counter[tuple[float | str, ...]] = Counter()
@@ -37,12 +39,12 @@ def told(program: str, path: Path, tree: Points) -> Counter[tuple[float | str, .
 
 
 def comparable(point: list[float]) -> tuple[float | str, ...]:
-    """A point of which what is no number is equal to itself."""
+    """Returns a point in which NaN equals itself."""
     return tuple("NaN" if math.isnan(number) else number for number in point)
 
 
 def compared(program: str, path: Path) -> Points:
-    """A tree that has the points which the program tells, where they must be."""
+    """Checks that a tree has the program's points, in valid positions."""
     from points import Points
 
     tree = Points(path.read_bytes())
@@ -62,7 +64,7 @@ def test_points_of_a_scan(program: str, tmp_path: Path, leaf_size: int) -> None:
 
 
 def test_scaled_attributes(program: str, tmp_path: Path) -> None:
-    """Two additional attributes of a LAS file, with a scale and a summand, and with a scale alone."""
+    """Two extra attributes of a LAS file, with a scale and an offset, and with a scale only."""
     from points import Points
 
     extra = b"".join(
@@ -89,7 +91,9 @@ def test_scaled_attributes(program: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("axes", [2, 3])
 def test_points_of_a_table(program: str, tmp_path: Path, axes: int) -> None:
-    """Points in clumps, some of them there several times, with attributes that are negative, have fractions, or are missing."""
+    """Points in clusters, some of them repeated, with attributes that are negative, fractional, or
+    missing.
+    """
     table, path, rng = tmp_path / "t.csv", tmp_path / "t.goblin", random.Random(axes)
     rows: list[list[object]] = []
     while len(rows) < 5000:
@@ -109,7 +113,7 @@ def test_points_of_a_table(program: str, tmp_path: Path, axes: int) -> None:
 
 @pytest.mark.parametrize("clock", [None, "f8", "f4", "i4", "u8"])
 def test_points_of_arrays(program: str, tmp_path: Path, clock: str | None) -> None:
-    """All types, with numbers as large as they have them, and all that columns can depend on."""
+    """All types, with numbers up to their limits, and all dependencies between columns."""
     random, size = np.random.default_rng(6), 3000
     types = ["u1", "u2", "i2", "u4", "i4", "f4", "f8", "i1", "u8", "i8"]
     fields = [(axis, "f8") for axis in "xyz"] + [(f"a{t}", t) for t in types] + [(f"b{t}", t) for t in types]
@@ -136,7 +140,7 @@ def test_points_of_arrays(program: str, tmp_path: Path, clock: str | None) -> No
 
 
 def network(seed: int, size: int, width: float, digits: int) -> list[dict[str, Any]]:
-    """Features with one line or several, long ones and short ones, and values of all kinds."""
+    """Features with one line or several, long and short ones, and values of all kinds."""
     rng = random.Random(seed)
     features = []
     for i in range(size):
@@ -158,7 +162,8 @@ def network(seed: int, size: int, width: float, digits: int) -> list[dict[str, A
     return features
 
 
-# Steps of hundredths, on which all is exact; of 32 bits that are all used; and some that are wider than 1.
+# Grid units of 0.01, on which everything is exact; of 32 bits that are all used; and units larger
+# than 1.
 @pytest.mark.parametrize(("width", "digits"), [(3000, 2), (190, 7), (1e11, 0)])
 @pytest.mark.parametrize("leaf_size", [1, 40, 1024])
 def test_lines(program: str, tmp_path: Path, width: float, digits: int, leaf_size: int) -> None:

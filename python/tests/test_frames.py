@@ -1,4 +1,4 @@
-"""Frames and series of geopandas as polygons and as points."""
+"""GeoDataFrames and GeoSeries as polygons and as points."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ def test_a_cluster_takes_frames(relief: str, island: str, districts: Any, client
             pandas.testing.assert_frame_equal(layers[name], table)
         polygons = list(districts.to_crs(tree.crs).geometry)
         assert spinney.dask.zonal(relief, polygons, "mean", client=client) == tree.zonal(polygons, "mean")
-    # Some may lie outside, all of one task even.
+    # Some may be outside, even all of one task.
     far = geopandas.GeoDataFrame(geometry=[*districts.geometry, *districts.translate(1e6, 0)], crs=districts.crs)
     with spinney.open(relief) as tree:
         pandas.testing.assert_frame_equal(spinney.dask.zonal(relief, far, "count mean", client=client, parts=len(far)), tree.zonal(far, "count mean"))
@@ -105,12 +105,12 @@ def test_points_of_series_are_in_their_own_system(ds: spinney.Dataset, districts
     expected = ds.sample(rows)
     for points in (centroids, centroids.to_frame("geometry"), list(centroids), shapely.MultiPoint(rows), centroids.set_crs(None, allow_override=True)):
         np.testing.assert_array_equal(ds.sample(points), expected)
-    # (Through another system points come back up to some rounding.)
+    # (After a round trip through another system points have rounding errors.)
     np.testing.assert_allclose(ds.sample(centroids.to_crs(4326)), expected, rtol=0, atol=1)
     np.testing.assert_array_equal(ds.sample(centroids.to_crs(4326), masked=True).mask, ds.sample(rows, masked=True).mask)
     lonlat = json.loads(centroids.to_crs(4326).to_json())
     np.testing.assert_allclose(ds.sample({key: lonlat[key] for key in ("type", "features")}), expected, rtol=0, atol=1)
-    # An empty one has no place.
+    # An empty point has no coordinates.
     np.testing.assert_array_equal(ds.sample(geopandas.GeoSeries([shapely.Point(), *centroids], crs=centroids.crs), masked=True).mask[0], True)
     with pytest.raises(TypeError, match="centroid"):
         ds.sample(districts)

@@ -12,7 +12,7 @@ import spinney
 
 
 def touching(cells: np.ndarray) -> dict[tuple[int, int], int]:
-    """Faces that each pair of labels has in common, in both orders; 0 is VOID."""
+    """Returns the faces that each pair of labels shares, in both orders; 0 is VOID."""
     found: dict[tuple[int, int], int] = {}
     for axis in range(cells.ndim):
         low, high = (np.moveaxis(cells, axis, 0)[part] for part in (slice(None, -1), slice(1, None)))

@@ -1,4 +1,6 @@
-"""Trees of lines: built of files and features, and asked, with shapely as referee where it is there."""
+"""Line trees: built from files and features, and queried; shapely is the reference if it is
+installed.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ def roads() -> list[dict[str, Any]]:
         }
         for number, walk in enumerate(walks)
     ]
-    # A road of two parts, one without a geometry, and one that is there twice.
+    # A multipart road, a road without a geometry, and a repeated one.
     found[7]["geometry"] = {"type": "MultiLineString", "coordinates": [walks[7, :3].tolist(), walks[7, 4:].tolist()]}
     found[9]["geometry"] = None
     found[20]["geometry"] = found[10]["geometry"]

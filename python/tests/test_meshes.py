@@ -1,4 +1,4 @@
-"""Exact models of meshes in memory: arrays, meshes and scenes of trimesh, faces of exact models."""
+"""Exact models of meshes in memory: arrays, trimesh meshes and scenes, faces of exact models."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENDS_AND_WALLS = [0] * 4 + [1] * 8
 
 
 def colours_by_vertex(model: spinney.ExactModel) -> dict[tuple[float, ...], tuple[int, ...]]:
-    """The colour of each vertex, which all corners there have."""
+    """Returns the colour of each vertex, which is that of all its corners."""
     faces = model.faces()
     assert faces.colours is not None
     found: dict[tuple[float, ...], tuple[int, ...]] = {}
@@ -40,7 +40,7 @@ def test_arrays_have_colours_parts_and_attributes(tmp_path: Path) -> None:
         rows = model.objects()
         assert "attributes" not in rows[0] and rows[1]["attributes"] == {"height": 4.5, "kinds": [1, 2]}
         assert [row["area"] for row in rows] == [12.0, 40.0]
-    # Without names, and of a mesh that is one part.
+    # Without names, and of a mesh that is a single part.
     spinney.build_brep(BOX, tmp_path / "m.goblin", parts=np.array(ENDS_AND_WALLS, dtype="u1"), attributes=[None, {"a": 1}])
     assert spinney.open_brep(tmp_path / "m.goblin").parts == ["0", "1"]
     spinney.build_brep(BOX, tmp_path / "m.goblin", names=["box"], attributes=[{"a": None}])
@@ -58,7 +58,7 @@ def test_meshes_of_trimesh_keep_names_and_colours(tmp_path: Path) -> None:
         assert model.parts == ["ball"] and model.unit == "m"
         again = trimesh.Trimesh(*model.triangles(), process=False)
         assert again.is_watertight and np.isclose(again.volume, ball.volume, rtol=1e-3) and model.volume == pytest.approx(again.volume)
-        # (Grid points are those of the grid's origin.)
+        # (Vertices are snapped to a grid that starts at its origin.)
         steps = np.round((ball.vertices - model.origin) * 1024) / 1024 + model.origin
         expected = {tuple(at): tuple(colour[:3]) for at, colour in zip(steps.tolist(), ball.visual.vertex_colors.tolist())}
         assert colours_by_vertex(model) == expected
@@ -93,7 +93,7 @@ def test_scenes_and_several_meshes_become_parts(tmp_path: Path) -> None:
         spinney.build_brep(meshes, tmp_path / "one.goblin", names=["x", "y"], attributes={"y": {"height": 4}}, where="height>3")
         with spinney.open_brep(tmp_path / "one.goblin") as model:
             assert model.parts == ["y"] and model.volume == 24.0
-    # Objects that are no bodies by themselves are told by their names, or left out.
+    # Errors name objects that are not valid bodies; they can be left out.
     hole = (VERTICES, TRIANGLES[1:])
     with pytest.raises(ValueError, match="a boundary of 3 edges from .*, of open"):
         spinney.build_brep({"whole": other, "open": hole}, tmp_path / "no.goblin")

@@ -1,4 +1,4 @@
-"""Exact models: built, opened and asked; NumPy and trimesh are the referees."""
+"""Exact models: built, opened and queried; NumPy and trimesh are the references."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHAPEL = FIXTURES / "v1" / "chapel.goblin"
 
 
 def solids() -> dict[str, trimesh.Trimesh]:
-    """Closed bodies whose corners are on a grid of 1/1024."""
+    """Closed bodies whose vertices are on a grid of 1/1024."""
     made = {
         "ball": trimesh.creation.icosphere(subdivisions=3, radius=5.0),
         "ring": trimesh.creation.annulus(r_min=2.0, r_max=4.0, height=3.0, sections=24),
@@ -88,7 +88,7 @@ def test_faces_and_triangles_come_back(bodies: dict, tmp_path: Path) -> None:
         corners = np.array([faces.rings(index)[0] for index in range(len(faces))])
         assert np.array_equal(corners, mesh.triangles)
         assert faces.colours is None
-        # A box: what NumPy finds by the corners.
+        # A box: compared with NumPy's result from the vertices.
         low, high = mesh.bounds[0] + 0.4, mesh.bounds[1] - 1.1
         meets = ((corners.min(1) <= high) & (corners.max(1) >= low)).all(1)
         assert np.array_equal(model.faces((*low, *high)).numbers, np.flatnonzero(meets))
@@ -118,7 +118,7 @@ def test_points_are_where_winding_numbers_say(bodies: dict) -> None:
         located = model.locate(points)
         assert located.dtype == np.int8 and np.array_equal(located, np.where(inside, 1, -1))
         assert np.array_equal(model.contains(points), inside)
-        # Corners are on the surface, and count if asked for.
+        # Vertices are on the surface, and are included on request.
         assert not model.locate(mesh.vertices).any()
         assert model.contains(mesh.vertices).all() and not model.contains(mesh.vertices, boundary=False).any()
     assert model.locate(np.empty((0, 3))).shape == (0,)
@@ -151,7 +151,7 @@ def test_rays_meet_what_all_triangles_say(bodies: dict) -> None:
         origins = random.uniform(*(mesh.bounds * 2), (300, 3))
         ways = random.normal(size=(300, 3))
         hits = model.rays(origins, ways)
-        # Moeller and Trumbore.
+        # The ray-triangle intersection of Moeller and Trumbore.
         a, b, c = (mesh.triangles[None, :, i] for i in range(3))
         e1, e2, d = b - a, c - a, ways[:, None]
         p = np.cross(d, e2)
@@ -207,7 +207,7 @@ def test_what_is_no_body_is_refused_or_closed(tmp_path: Path) -> None:
     assert (built.closed_boundaries, built.closing_triangles) == (1, 2)
     model = spinney.open_brep(out, positioned=True)
     assert model.volume == 8.0 and model.unit == "m" and model.positioned
-    # Of an exact model, and to cells.
+    # From an exact model, and to cells.
     spinney.build_brep(out, tmp_path / "again.goblin")
     assert spinney.open_brep(tmp_path / "again.goblin").volume == 8.0
     spinney.build(out, tmp_path / "cells.goblin", cells=16)

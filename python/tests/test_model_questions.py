@@ -1,4 +1,6 @@
-"""Rays, shells, objects and set operations of exact models; brute force over all triangles, and whole numbers, are the referees."""
+"""Rays, shells, objects and set operations of exact models; the references are brute force over all
+triangles, and integers.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,7 @@ def cube(folder: Path, name: str, low: float, high: float) -> spinney.ExactModel
 
 @pytest.fixture(scope="module")
 def hollow(tmp_path_factory: pytest.TempPathFactory) -> spinney.ExactModel:
-    """A cube of 8 with a cavity of 4 in it."""
+    """A cube of 8 with a cavity of 4."""
     cavity = [face[::-1] for face in QUADS]
     faces = np.array(QUADS + [[corner + 8 for corner in face] for face in cavity])
     return build(tmp_path_factory.mktemp("hollow"), "hollow", np.concatenate([CORNERS * 8, CORNERS * 4 + 2]), faces)
@@ -43,7 +45,7 @@ def hollow(tmp_path_factory: pytest.TempPathFactory) -> spinney.ExactModel:
 
 @pytest.fixture(scope="module")
 def ball(tmp_path_factory: pytest.TempPathFactory) -> spinney.ExactModel:
-    """A ball of triangles whose corners are on the grid."""
+    """A triangulated ball whose vertices are on the grid."""
     n, m = 40, 20
     u, v = np.arange(n) / n * 2 * np.pi, (np.arange(m - 1) + 1) / m * np.pi
     rings = np.stack([np.outer(np.sin(v), np.cos(u)), np.outer(np.sin(v), np.sin(u)), np.outer(np.cos(v), np.ones(n))], -1)
@@ -60,14 +62,18 @@ def ball(tmp_path_factory: pytest.TempPathFactory) -> spinney.ExactModel:
 
 
 def whole(numbers: Any) -> list[int]:
-    """Numbers of parts of 8192, as so many of these: their products are found much sooner than those of fractions."""
+    """Converts multiples of 1/8192 to integers: their products are much faster than those of
+    fractions.
+    """
     found = [8192 * Fraction(number) for number in numbers]
     assert all(number.denominator == 1 for number in found)
     return [number.numerator for number in found]
 
 
 def shares(triangles: list, origin: list[int], way: list[int]) -> list[Fraction]:
-    """Where a ray that goes through no edge passes through triangles of whole numbers, in rational numbers (Moeller and Trumbore)."""
+    """Returns where a ray that passes through no edge crosses triangles with integer vertices, in
+    rational numbers (Moeller and Trumbore).
+    """
 
     def cross(a: list, b: list) -> list:
         return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
@@ -94,7 +100,7 @@ def test_rays_are_those_of_rational_numbers(ball: spinney.ExactModel, hollow: sp
         mesh = model.triangles()
         triangles = [[whole(mesh.vertices[corner]) for corner in face] for face in mesh.faces]
         low, high = np.reshape(model.bounds, (2, 3))
-        # (On a grid of primes, so that none goes through an edge.)
+        # (With offsets from the grid, so that no ray passes through an edge.)
         origins = np.round(random.uniform(low - 3, high + 3, (60, 3)) * 64) / 64 + np.array([1, 3, 5]) / 8192
         ways = (np.round(random.uniform(low, high, (60, 3)) * 64) / 64 + np.array([7, 11, 2]) / 8192) - origins
         hits, all_hits = model.rays(origins, ways), model.crossings(origins, ways)
@@ -118,7 +124,8 @@ def test_rays_along_edges_and_through_corners_count_as_points_lie(ball: spinney.
         faces = random.integers(0, len(corners), 400)
         a, b = corners[faces, 0], corners[faces, 1]
         inner = np.array([1.0, 1.0, 1.0]) if model is hollow else np.zeros(3)
-        # From inside through corners and the middles of edges; along edges from far away; from corner to corner.
+        # From inside through vertices and edge midpoints; along edges from outside; from vertex to
+        # vertex.
         origins = np.concatenate([np.broadcast_to(inner, (800, 3)), a - 3 * (b - a), a - 4 * (np.roll(a, 1, 0) - a)])
         ways = np.concatenate([a - inner, (a + b) / 2 - inner, b - a, np.roll(a, 1, 0) - a])
         meant = (ways != 0).any(1)
@@ -127,7 +134,7 @@ def test_rays_along_edges_and_through_corners_count_as_points_lie(ball: spinney.
         counts = np.bincount(model.crossings(origins, ways).rays, minlength=len(origins))
         clear = places != 0
         assert clear.sum() > 1200 and np.array_equal(counts[clear] % 2 == 1, places[clear] > 0)
-        # Into and out of it, in turn.
+        # Rays enter and leave alternately.
         found = model.crossings(origins[clear], ways[clear])
         follows = found.rays[1:] == found.rays[:-1]
         assert (found.distance[1:] >= found.distance[:-1])[follows].all()
@@ -238,7 +245,7 @@ def test_several_models_are_combined(tmp_path: Path) -> None:
 
 
 def test_polygons_of_any_lengths_become_models(tmp_path: Path) -> None:
-    # A house: walls, gables of five corners, a floor and two roofs.
+    # A house: walls, gables of five vertices, a floor and two roofs.
     points = np.array([(0, 0, 0), (4, 0, 0), (4, 6, 0), (0, 6, 0), (0, 0, 3), (4, 0, 3), (4, 6, 3), (0, 6, 3), (2, 0, 5), (2, 6, 5)])
     faces = [[0, 3, 2, 1], [0, 1, 5, 8, 4], [3, 7, 9, 6, 2], [1, 2, 6, 5], [0, 4, 7, 3], [5, 6, 9, 8], [4, 8, 9, 7]]
     model = build(tmp_path, "house", points, faces)

@@ -1,4 +1,4 @@
-"""Objects of exact models: chosen, left out, repaired by a rule, measured."""
+"""Objects of exact models: selected, left out, repaired by a rule, measured."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SIDES = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [
 
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
-    """A cube, an open one, one that is inside out, and one that lies in the first by half."""
+    """A cube, an open one, an inverted one, and one that half overlaps the first."""
     lines = []
     for number, (name, x) in enumerate([("right", 0), ("open", 20), ("turned", 40), ("half", 5)]):
         lines.append(f"o {name}")

@@ -22,7 +22,7 @@ def collection(**squares: tuple[float, float, float]) -> dict[str, Any]:
 
 
 class Frame:
-    """Something like a GeoDataFrame."""
+    """A minimal GeoDataFrame."""
 
     def __init__(self, document: dict[str, Any], crs: str) -> None:
         self.__geo_interface__ = document
@@ -45,7 +45,7 @@ def test_polygons_are_combined(tmp_path: Path) -> None:
     assert isinstance(made, spinney.CombinedPolygons) and made.area == 10 * 7 - 32 - 4
     made = spinney.combine("partition", [first, second], out, snap=0.5, within=first)
     assert isinstance(made, spinney.CombinedPolygons) and (made.area, made.cell) == (32.0, 0.5)
-    # An object says in which system it is, and the result is in that of the first.
+    # An object has its own coordinate system, and the result is in that of the first.
     made = spinney.combine("union", [Frame(second, "EPSG:25832")], tmp_path / "d.gpkg")
     assert isinstance(made, spinney.CombinedPolygons) and made.area == 16
     with pytest.raises(ValueError, match="region"):

@@ -1,4 +1,4 @@
-"""Packed segments: the same cells in fewer bytes, wherever trees are written."""
+"""Packed segments: the same cells in fewer bytes, in all functions that write trees."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CLASSES = str(FIXTURES / "island_classes.tif")
 
 
 def patches() -> np.ndarray:
-    """Patches of few values, of more than one segment."""
+    """Returns patches of few values, in more than one segment."""
     rows, columns = np.mgrid[:600, :700]
     return ((rows // 7 * 31 + columns // 5 * 17) % 23).astype("u1")
 

@@ -1,4 +1,4 @@
-"""Pages: in a folder, as one file, and in a notebook."""
+"""Pages: in a directory, as one file, and in a notebook."""
 
 import json
 import pathlib

@@ -1,4 +1,6 @@
-"""Trees of points: built of arrays and files, and asked, with SciPy as referee where it is there."""
+"""Point trees: built from arrays and files, and queried; SciPy is the reference if it is
+installed.
+"""
 
 from __future__ import annotations
 
@@ -122,7 +124,9 @@ def test_rows_of_two_are_a_quadtree(tmp_path: Path) -> None:
 
 
 def las_with_no_data(path: Path, heights: list[int]) -> None:
-    """Writes a LAS 1.4 file of points with an extra attribute `height` of type i32, of which -99 means that there is none."""
+    """Writes a LAS 1.4 file of points with an extra attribute `height` of type i32, in which -99
+    means no value.
+    """
     extra = bytearray(192)
     extra[2:4] = bytes([6, 1])
     extra[4:10] = b"height"

@@ -20,7 +20,7 @@ class Terminal(io.StringIO):
 
 @pytest.fixture
 def no_tqdm(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where tqdm is not installed."""
+    """Simulates that tqdm is not installed."""
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
 
 

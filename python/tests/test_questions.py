@@ -19,7 +19,7 @@ import spinney
 
 @pytest.fixture(scope="module")
 def tree(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, spinney.Dataset]:
-    """A masked array in the world, and a tree of it."""
+    """A masked, georeferenced array, and a tree of it."""
     array = np.ma.masked_equal(noise((170, 230), "int16", 5), 33)
     path = tmp_path_factory.mktemp("tree") / "t.goblin"
     spinney.build(array, path, transform=(2, 0, 1000, 0, -3, 5000), crs="EPSG:32628")
@@ -108,7 +108,7 @@ def test_zones_of_all_kinds_of_geometries(tree: tuple) -> None:
 
 
 class Frame:
-    """What a GeoDataFrame is to this package."""
+    """A minimal GeoDataFrame."""
 
     crs = None
 

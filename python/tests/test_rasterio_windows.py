@@ -1,4 +1,4 @@
-"""Windows that begin or end within cells, or stick out of the raster: as rasterio reads them."""
+"""Windows with fractional bounds, or beyond the raster: as rasterio reads them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROWS, COLUMNS, NODATA = 40, 50, 65535
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """One raster as a TIFF that rasterio has opened, and as a tree; each sample occurs once."""
+    """A raster as a TIFF opened by rasterio, and as a tree; each sample occurs once."""
     folder = tmp_path_factory.mktemp("windows")
     bands = np.arange(2 * ROWS * COLUMNS, dtype="u2").reshape(2, ROWS, COLUMNS)
     bands[:, 5:9, 20:30] = NODATA
@@ -32,7 +32,7 @@ def both(tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 
 def beyond(centres: np.ndarray, limit: int, reach: float) -> np.ndarray:
-    """Which centres are outside, by no more than a cell or a pixel."""
+    """Returns which centres are outside, by no more than a cell or a pixel."""
     return ((centres < 0) & (centres > -reach)) | ((centres >= limit) & (centres < limit + reach))
 
 
@@ -41,7 +41,8 @@ def compare(both: Any, window: Any, **options: Any) -> None:
     for bands in (1, [2, 1], None):
         expected = theirs.read(bands, window=window, **options)
         found = ours.read(bands, window=window, fill=NODATA, **options)
-        # (Where a window sticks out, GDAL repeats the cells of the edge for pixels whose centres are near it on the outside; here they are VOID.)
+        # (If a window extends beyond the raster, GDAL repeats the edge cells for pixels whose
+        # centres are just outside; here they are VOID.)
         near = [
             beyond(start + (np.arange(count) + 0.5) * length / count, limit, max(1.0, length / count))
             for start, length, count, limit in zip((window.row_off, window.col_off), (window.height, window.width), found.shape[-2:], (ROWS, COLUMNS))
@@ -74,11 +75,12 @@ def test_fractional_windows_that_stick_out(both: Any) -> None:
 
 
 def test_whole_windows_that_stick_out_with_another_size(both: Any) -> None:
-    # (Of pixels smaller than cells. Larger ones are those of coarser levels, in which classes are the majority.)
+    # (With pixels smaller than cells. Larger ones are read from coarser levels, in which classes
+    # are the majority.)
     random = np.random.default_rng(64)
     for _ in range(100):
         x, y = random.integers(-20, 45), random.integers(-20, 35)
-        # (Odd ones, so that no centre of a pixel is on an edge of cells.)
+        # (Odd sizes, so that no pixel centre is on a cell edge.)
         width, height = 2 * random.integers(0, 15, 2) + 1
         compare(both, Window(x, y, width, height), boundless=True, out_shape=(61, 67))
     compare(both, Window(200, 300, 5, 5), boundless=True, out_shape=(3, 3))
@@ -116,7 +118,7 @@ def test_fractions_of_coarser_levels_views_and_large_windows(tmp_path: Path) -> 
     array = noise((700, 900), "uint8")
     spinney.build(array, tmp_path / "t.goblin", kind="categorical")
     with spinney.open(tmp_path / "t.goblin") as ds, spinney.open(tmp_path / "t.goblin", view="window=10,20,600,500") as view:
-        # (Few cells of many are looked up one by one.)
+        # (Few cells among many are read one by one.)
         rows, columns = (np.floor(0.25 + (np.arange(5) + 0.5) * size / 5).astype(int) for size in (690.5, 880.5))
         np.testing.assert_array_equal(ds.read(1, window=(0.25, 0.25, 880.5, 690.5), out_shape=(5, 5)), array[rows][:, columns])
         np.testing.assert_array_equal(view.read(1, window=(0.25, 0.25, 99, 99), boundless=True), array[20:119, 10:109])

@@ -1,4 +1,4 @@
-"""Quadtrees of features, with GDAL's rasterizer as referee."""
+"""Quadtrees of features; GDAL's rasterizer is the reference."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SIDE = 300
 
 
 def star(random: np.random.Generator) -> list[list[list[float]]]:
-    """A ring round a point, and perhaps a hole."""
+    """Returns a ring around a point, and sometimes a hole."""
     middle, radius = random.uniform(-20, SIDE + 20, 2), random.uniform(2, 90)
     rings = []
     for least, most in [(0.4, 1.0), (0.05, 0.3)][: random.integers(1, 3)]:
@@ -39,7 +39,7 @@ def layer(random: np.random.Generator, count: int) -> dict[str, Any]:
 
 
 def grid(folder: Path) -> Path:
-    """A tree on whose cells features are laid."""
+    """Builds a tree to whose cells features are rasterized."""
     path = folder / "grid.goblin"
     spinney.build(np.ones((SIDE, SIDE), "u1"), path, transform=(1, 0, 0, 0, -1, SIDE), crs="EPSG:32633")
     return path
@@ -51,12 +51,12 @@ def test_cells_are_those_of_gdal(tmp_path: Path) -> None:
     for seed in range(30):
         document = layer(np.random.default_rng(seed), 12)
         path.write_text(json.dumps(document))
-        # (Features reach beyond the cells of the other tree, and extend the result.)
+        # (Features extend beyond the other tree, and enlarge the result.)
         spinney.build(path, tmp_path / "all.goblin", grid=like, value="v")
         spinney.transform(tmp_path / "all.goblin", f"like={like},extent=a", out)
         with spinney.open(out) as ds:
             found = ds.read(masked=True)[0].filled(0)
-        # (Each part alone: GDAL takes what parts share out, which overlap here.)
+        # (Each polygon of a multipolygon by itself: GDAL cancels overlaps.)
         shapes = [
             ({"type": "Polygon", "coordinates": part}, feature["properties"]["v"])
             for feature in document["features"]
@@ -64,7 +64,7 @@ def test_cells_are_those_of_gdal(tmp_path: Path) -> None:
         ]
         single = {**document, "features": [{"type": "Feature", "properties": {"v": v}, "geometry": g} for g, v in shapes]}
         path.write_text(json.dumps(single))
-        # (Features reach beyond the cells of the other tree, and extend the result.)
+        # (Features extend beyond the other tree, and enlarge the result.)
         spinney.build(path, tmp_path / "all.goblin", grid=like, value="v")
         spinney.transform(tmp_path / "all.goblin", f"like={like},extent=a", out)
         with spinney.open(out) as ds:
@@ -93,7 +93,7 @@ def test_shares_add_up(tmp_path: Path) -> None:
 
 def test_frames_of_geometries(tmp_path: Path, program: str) -> None:
     class Frame:
-        """What a GeoDataFrame tells of itself."""
+        """A minimal GeoDataFrame."""
 
         crs = "EPSG:32633"
 
@@ -141,7 +141,7 @@ def test_lines_have_a_width(tmp_path: Path) -> None:
         spinney.build(path, tmp_path / "line.goblin", cell=1, width=width)
         with spinney.open(tmp_path / "line.goblin") as tree:
             cells = tree.stats().cells
-        # Six rows of twenty cells, and the ends, round.
+        # Six rows of twenty cells, and round ends.
         x, y = np.meshgrid(np.arange(40) + 0.5, np.arange(40) + 0.5)
         away = np.hypot(np.maximum(np.maximum(10 - x, x - 30), 0), y - 20)
         assert cells == (away <= 3).sum()

@@ -1,4 +1,4 @@
-"""Reading: against the arrays that trees were made of, and against the program."""
+"""Reading: against the arrays that trees were built from, and against the program."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_any_window_is_that_part(arrays: dict, name: str, data: st.DataObject) -
     assert np.array_equal(ds.read(bands, window=(x, y, w, h)), wanted[[band - 1 for band in bands]])
     out = np.zeros_like(wanted)
     assert ds.read(window=(x, y, w, h), out=out) is out and np.array_equal(out, wanted)
-    # The picture's frame is that of cells.
+    # The raster's frame is that of cells.
     assert np.array_equal(ds.read(window=(x, y, x + w, y + h), coordinates="world"), wanted)
     level = data.draw(st.integers(0, ds.depth))
     coarse, shift = ds.read(level=level), ds.depth - level
@@ -228,7 +228,7 @@ def test_dense_cells_are_shown_where_they_are(tmp_path: Path) -> None:
         assert np.array_equal(found, ds[..., 20:70, 10:100])
         coarse = ds.mapped(level=5)
         assert coarse is not None and np.array_equal(coarse, ds.level(5)[...])
-        # The mapping is kept.
+        # The array keeps the mapping.
         ds.close()
         assert np.array_equal(found, array[:, 20:70, 10:100] if bands > 1 else array[0, 20:70, 10:100])
         with pytest.raises(ValueError):
@@ -262,7 +262,7 @@ def test_large_views_are_read_piece_by_piece(tmp_path: Path, shape: tuple[int, .
     dims = "zyx"[3 - len(shape) :]
     spinney.build(array, tmp_path / "t.goblin", dims=dims, mask=hidden, kind="categorical")
     with spinney.open(tmp_path / "t.goblin", view="rotate=180") as ds:
-        # (About z, as seen from above.)
+        # (Half a turn about z, as seen from above.)
         turned, void = (np.flip(given, (-1, -2)) for given in (array, hidden))
         found = ds.read(1, masked=masked)
         assert np.array_equal(np.asarray(found)[~void], turned[~void])

@@ -1,4 +1,4 @@
-"""The blocks of docs/python.md and README.md run, in their order, and the examples do."""
+"""The code blocks of docs/python.md and README.md run in their order, and the examples run."""
 
 from __future__ import annotations
 

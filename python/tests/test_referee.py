@@ -1,4 +1,6 @@
-"""Random stacks against NumPy: cells, windows, levels, statistics, and that layers know nothing of each other."""
+"""Random stacks against NumPy: cells, windows, levels, statistics, and the independence of
+layers.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ class Layer:
 
 
 def random_cells(random: np.random.Generator, dtype: np.dtype, shape: tuple[int, int]) -> np.ndarray:
-    """Samples of a type, from few ones or from all; patches of one value, so that there are all sorts of nodes."""
+    """Returns samples of a type, from few values or from all; patches of one value give all kinds
+    of nodes.
+    """
     if dtype.kind == "f":
         cells = random.normal(0, 10.0 ** random.integers(-3, 6), shape).astype(dtype)
     else:
@@ -73,7 +77,7 @@ def random_stack(seed: int) -> list[Layer]:
     most = 60 if count == 40 else 300
     shape = tuple(int(length) for length in random.integers(8, most, 2))
     layers = [random_layer(random, f"layer {number}", shape) for number in range(count)]  # type: ignore[arg-type]
-    # (One at least has the finest cells, by which the others are placed.)
+    # (At least one has the finest cells, which determine the positions of the others.)
     layers[0] = random_layer(random, "layer 0", shape) if layers[0].coarser == 0 else layers[0]  # type: ignore[arg-type]
     while layers[0].coarser:
         layers[0] = random_layer(random, "layer 0", shape)  # type: ignore[arg-type]
@@ -81,7 +85,7 @@ def random_stack(seed: int) -> list[Layer]:
 
 
 def built(layers: list[Layer], path: Path, **more: Any) -> None:
-    # (Of masked cells, the numbers do not matter.)
+    # (The numbers of masked cells do not matter.)
     spinney.build(
         {layer.name: layer.masked for layer in layers},
         path,
@@ -93,7 +97,7 @@ def built(layers: list[Layer], path: Path, **more: Any) -> None:
 
 
 def level_of(layer: Layer, shift: int) -> tuple[np.ndarray, np.ndarray]:
-    """Cells of a coarser level and whether they are not VOID."""
+    """Returns the cells of a coarser level and whether they are not VOID."""
     side = 1 << shift
     height, width = (-(-length >> shift) for length in layer.cells.shape)
     values = np.zeros((height, width), layer.cells.dtype)
@@ -110,7 +114,9 @@ def level_of(layer: Layer, shift: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def majority_of(layer: Layer, part: tuple[slice, slice], side: int) -> Any:
-    """The most frequent class of a node; None if it has no cells. Of several the first child that has one of them decides, or a hash of all children."""
+    """Returns the most frequent class of a node; None if it has no cells. Ties are decided by the
+    first child that has one of them, or by a hash of all children.
+    """
     found: np.ndarray = layer.cells[part][layer.valid[part]]
     if not found.size or side == 1:
         return found.flat[0] if found.size else None
@@ -216,7 +222,8 @@ def test_stacks_of_files(tmp_path: Path, program: str, seed: int) -> None:
     layers, random = random_stack(seed), np.random.default_rng(seed)
     paths = []
     for number, layer in enumerate(layers):
-        # (The program says kind and rule of all, and a file its VOID by a number, which a float has exactly.)
+        # (The program needs kind and rule for all layers, and a file needs a number for VOID, which
+        # a float must represent exactly.)
         layer.kind, layer.rule, number_of_void = "continuous", "mean", 0 if layer.nodata is None else layer.nodata
         if layer.cells.dtype.itemsize == 8 and layer.cells.dtype.kind != "f":
             number_of_void = int(layer.cells.dtype.type(0))
@@ -244,7 +251,9 @@ def test_stacks_of_files(tmp_path: Path, program: str, seed: int) -> None:
 
 
 def runs(path: Path) -> dict[str, bytes]:
-    """The bytes of the layers of a Goblin file, with their directories, as formats.md has them."""
+    """Returns the bytes of the layers of a Goblin file, with their segment indexes, as defined in
+    formats.md.
+    """
     data = path.read_bytes()
     (length,) = struct.unpack_from("<I", data, len(data) - 16)
     trailer = data[-16 - length : -16]
@@ -272,10 +281,10 @@ def test_layers_know_nothing_of_each_other(tmp_path: Path, seed: int) -> None:
     for layer in layers:
         built([layer], alone)
         assert runs(alone) == {layer.name: together[layer.name]}, layer
-        # Whatever the memory, and the number of threads, is.
+        # Independent of memory and the number of threads.
         built([layer], alone, memory="4M", threads=1)
         assert runs(alone) == {layer.name: together[layer.name]}
-    # Layers that are taken away and come back (on cells that others have, too).
+    # Layers that are removed and added again (on cells that others have, too).
     if any(layer.coarser == 0 for layer in layers[1:]):
         before, moved = path.read_bytes(), layers[0]
         spinney.convert(f"{path}:{moved.name}", alone)
@@ -285,7 +294,7 @@ def test_layers_know_nothing_of_each_other(tmp_path: Path, seed: int) -> None:
         assert runs(path) == together
         built([*layers[1:], moved], alone)
         assert path.read_bytes() != before and runs(path) == runs(alone)
-        # And by way of the other format.
+        # And after conversion to the other format and back.
         spinney.convert(path, tmp_path / "s.autumn")
         spinney.convert(tmp_path / "s.autumn", alone)
         assert runs(alone) == together

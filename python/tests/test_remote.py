@@ -1,4 +1,4 @@
-"""Files on web servers, and in the file systems of fsspec: the same answers as from files of this machine."""
+"""Files on web servers, and in fsspec file systems: the same results as from local files."""
 
 import asyncio
 import datetime
@@ -45,7 +45,7 @@ def test_views_and_commits(server):
 
 
 def test_few_requests(server):
-    # (What was opened a moment ago is not opened anew: another name.)
+    # (A recently opened file is not opened again, hence another name.)
     server.counts()
     ds = spinney.open(f"{server.url}/stack.goblin?few")
     assert server.counts()["requests"] == 2
@@ -93,7 +93,7 @@ def test_files_of_fsspec(name):
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory):
-    """A certificate of 127.0.0.1 that nobody else knows, and its key."""
+    """Writes a self-signed certificate of 127.0.0.1, and its key."""
     x509 = pytest.importorskip("cryptography.x509")
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import ec
@@ -126,7 +126,7 @@ def test_servers_show_a_certificate_that_is_known(certificate, monkeypatch):
         monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
         for version in (ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3):
             context.minimum_version = context.maximum_version = version
-            # (What was opened a moment ago is not opened again: another name.)
+            # (A recently opened file is not opened again, hence another name.)
             far = spinney.open(f"{url}?{version.name}")
             np.testing.assert_array_equal(far.read(), spinney.open(FIXTURES / "elevation.goblin").read())
 

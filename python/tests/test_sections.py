@@ -1,4 +1,4 @@
-"""Sections of exact models, legends, and updates of tiles, beside those of the program."""
+"""Sections of exact models, legends, and updates of tiles, compared with the program's."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from conftest import BOX, FIXTURES, run
 import spinney
 
 def box(path: Path, move: tuple[float, float, float] = (0, 0, 0)) -> Path:
-    """An exact model of a box, moved."""
+    """Builds an exact model of a translated box."""
     vertices, triangles = BOX
     spinney.build_brep((vertices + move, triangles), path, snap=0.5)
     return path
@@ -62,7 +62,7 @@ def test_what_two_models_have_in_common(program: str, model: Path, tmp_path: Pat
         assert (tmp_path / "lines.geojson").read_bytes() == (tmp_path / "theirs.geojson").read_bytes()
         kinds = {feature["properties"]["kind"] for feature in features(tmp_path / "lines.geojson")}
         assert kinds == {"crossing"}
-        # (By its name, and one on its wall.)
+        # (By its name, and a model that touches its wall.)
         assert a.section(tmp_path / "again.csv", other) == made
         wall = a.section(tmp_path / "wall.csv", beside)
         assert (wall.crossings, wall.overlaps, wall.overlap_area) == (0, 1, 12)
@@ -116,7 +116,7 @@ def test_legends_are_those_of_the_program(program: str, relief: str, island: str
 
 @pytest.fixture
 def edited(tmp_path: Path) -> Path:
-    """A map, tiles of it, and an edit behind them."""
+    """A map, its tiles, and a later edit."""
     path = tmp_path / "map.autumn"
     spinney.build(FIXTURES / "island_classes.tif", path)
     with spinney.open(path) as ds:
@@ -131,7 +131,7 @@ def test_tiles_are_brought_up_to_date(program: str, edited: Path, tmp_path: Path
     before = tiles.read_bytes()
     with spinney.open(edited) as ds:
         count = ds.export(anew)
-        # Another archive, of the old one.
+        # Another archive, from the old one.
         assert ds.export(tmp_path / "copy.pmtiles", update=tiles) == count
         assert (tmp_path / "copy.pmtiles").read_bytes() == anew.read_bytes() and tiles.read_bytes() == before
         ds.export(tiles, update=True)

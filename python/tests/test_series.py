@@ -39,7 +39,7 @@ def test_times_are_an_axis(tmp_path: Path, name: str | None, ending: str) -> Non
     with xr.open_dataset(path, engine="spinney") as found:
         array = found[name or "band_data"]
         assert list(found.data_vars) == [name or "band_data"] and array.dims == ("time", "y", "x")
-        # In the order of times, whatever that of the layers is.
+        # Sorted by time, whatever the order of layers.
         xr.testing.assert_equal(array.drop_vars("spatial_ref").rename(None), given.sortby("time").rename(None))
         assert array.attrs["units"] == "1" and found.time.dtype == "M8[ns]"
         spinney.build(array, tmp_path / "again.goblin")
@@ -105,7 +105,7 @@ def test_what_makes_no_axis_stays_apart(tmp_path: Path) -> None:
     ):
         spinney.build(parts, path)
         with xr.open_dataset(path, engine="spinney", mask_and_scale=False) as ds:
-            # (Axes have the names `x` and `time` already.)
+            # (Axes already have the names `x` and `time`.)
             called = {name: f"{name}_" if name in ("x", "time") else name for name in parts}
             assert set(ds.data_vars) == set(called.values()) and "time" not in ds.dims
             for name, part in parts.items():
@@ -119,7 +119,7 @@ def test_what_makes_no_axis_stays_apart(tmp_path: Path) -> None:
         assert ds.a.dims == ds.b.dims == ("y", "x") and ds.a.attrs["time"] == "2024-01-05T00:00:00Z"
     with xr.open_dataset(path, engine="spinney", mask_and_scale=False, layers="time") as ds:
         assert ds.a.dims == ds.b.dims == ("time", "y", "x") and np.array_equal(ds.b[0], second)
-    # One layer that tells its time.
+    # A single layer with a time.
     spinney.build(first.assign_coords(time=at["a"]), path)
     with spinney.open(path) as tree:
         assert tree.time == "2024-01-05T00:00:00Z" and tree.tags == {}
@@ -177,7 +177,7 @@ def test_axes_of_data_arrays_that_are_no_times(tmp_path: Path) -> None:
             spinney.build(wrong, tmp_path / "t.goblin")
     with pytest.raises(ValueError, match="another grid"):
         spinney.build({"a": given[0].drop_vars("time"), "b": given[1].drop_vars("time").assign_coords(x=given.x + 4)}, tmp_path / "t.goblin")
-    # Cells twice as large tell it by their coordinates.
+    # Cells twice as large have other coordinates.
     coarse = given[0].drop_vars("time").coarsen(y=2, x=2).max()
     spinney.build({"a": given[1].drop_vars("time"), "b": coarse[:20]}, tmp_path / "t.goblin")
     with spinney.open(tmp_path / "t.goblin") as ds:

@@ -1,4 +1,4 @@
-"""Trees that many processes build: the bytes are those of one."""
+"""Trees built by many processes: the bytes are those of one process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CLASSES = ROOT / "fixtures/island_classes.tif"
 
 
 def tiles(folder: Path, side: int = 300, seed: int = 1) -> list[Path]:
-    """Four pictures beside each other, in a folder of theirs."""
+    """Writes four adjacent rasters in their own directory."""
     folder.mkdir()
     random = np.random.default_rng(seed)
     paths = []
@@ -71,7 +71,7 @@ def test_what_does_not_fit_is_refused(tmp_path: Path) -> None:
     assert os.fspath(shards.plan(paths, tmp_path / "job", shards=4)) == os.fspath(job)
     with pytest.raises((OSError, ValueError), match="something else was planned"):
         shards.plan(paths[:2], tmp_path / "job", shards=4)
-    # An input that is another one now.
+    # A changed input.
     os.utime(paths[0], ns=(1, 1))
     with pytest.raises(OSError, match="tile_0"):
         for number in job.missing():

@@ -1,4 +1,4 @@
-"""Octrees: measures, points, rays, slices, surfaces, pictures."""
+"""Octrees: measures, points, rays, slices, surfaces, renderings."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BALL = FIXTURES / "v1" / "ball.goblin"
 
 @pytest.fixture(scope="module")
 def cross(tmp_path_factory: pytest.TempPathFactory) -> tuple[np.ndarray, spinney.Dataset]:
-    """A solid of booleans in a world that is moved and mirrored, and an octree of it."""
+    """A solid of booleans in translated and mirrored coordinates, and an octree of it."""
     z, y, x = np.indices((30, 40, 50))
     solid = (abs(x - 25) < 6) & (abs(y - 20) < 15) | ((x - 25) ** 2 + (y - 20) ** 2 + (z - 15) ** 2 < 100)
     path = tmp_path_factory.mktemp("solid") / "t.goblin"
@@ -31,7 +31,7 @@ def test_measures(cross: tuple) -> None:
     assert np.array_equal(ds[...], solid * np.uint8(255))
     assert ds.volume() == solid.sum() / 8
     for level in range(ds.levels):
-        # (Representatives are rounded, once: that of the root is about 6.)
+        # (Representatives are rounded once: that of the root is about 6.)
         assert ds.volume(level) == pytest.approx(solid.sum() / 8, rel=0.1)
     found = ds.solid(surface=True)
     faces = sum(np.diff(np.pad(solid, 1).astype(int), axis=axis).astype(bool).sum() for axis in range(3))

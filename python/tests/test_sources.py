@@ -1,4 +1,4 @@
-"""Sources that tell what their cells mean: trees, DataArrays, masks, and types of samples that are kept or refused."""
+"""Sources with metadata: trees, DataArrays, masks, and sample types that are kept or refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ FACTS = ("kind", "rule", "nodata", "crs", "transform", "colormap", "categories",
 
 
 def same(a: spinney.Dataset, b: spinney.Dataset, levels: int | None = None) -> None:
-    """Trees that have the same cells at all levels, or the finest ones, and tell the same."""
+    """Checks that trees have the same cells, at all levels or the finest ones, and the same
+    metadata.
+    """
     assert {name: getattr(a, name) for name in FACTS} == {name: getattr(b, name) for name in FACTS}
     assert np.array_equal(a.matrix, b.matrix) and a.dtype == b.dtype and a.depth == b.depth and a.tags == b.tags
     for level in range(0 if levels is None else a.levels - levels, a.levels):
@@ -29,7 +31,7 @@ def same(a: spinney.Dataset, b: spinney.Dataset, levels: int | None = None) -> N
 
 
 def told(path: Path) -> Path:
-    """A tree of classes that tells everything."""
+    """A tree of classes with all kinds of metadata."""
     array = np.random.default_rng(5).integers(0, 256, (70, 90)).astype("uint8")
     array[:4].flat[:256] = range(256)
     spinney.build(
@@ -62,7 +64,8 @@ def test_trees_keep_their_meaning(tmp_path: Path, program: str, history: str) ->
     with spinney.open(CLASSES, view=["mirror=x", "window=5,7,100,90"]) as view:
         spinney.build(view, out)
         with spinney.open(out) as made:
-            # (Levels of a mirrored view are those of its file, in which another child may come first where classes are tied.)
+            # (Levels of a mirrored view are those of its file, in which another child may come
+            # first if classes are tied.)
             same(view, made, levels=1)
             assert "mirror=x" in made.provenance[-1]
     with spinney.open(CLASSES) as ds:
@@ -117,7 +120,7 @@ def test_data_arrays_keep_their_meaning(tmp_path: Path, masked: bool | None) -> 
                 spinney.build(found.band_data, tmp_path / "o.goblin")
             with spinney.open(source) as ds, spinney.open(tmp_path / "o.goblin") as made:
                 same(ds, made)
-    # What somebody has changed since counts, and what is said when building more.
+    # Edited attributes and arguments of `build` take precedence.
     with xr.open_dataset(tmp_path / "t.goblin", engine="spinney", mask_and_scale=masked) as found:
         array = found.band_data.isel(y=slice(10, 40))
         array.attrs["flag_meanings"] = "water open_land heath ice"
@@ -176,7 +179,7 @@ def test_conventions_of_others(tmp_path: Path) -> None:
     spinney.build(xr.DataArray(cells, dims=("y", "x"), attrs=bits), out)
     with spinney.open(out) as ds:
         assert ds.kind == "continuous" and not ds.categories
-    # As rioxarray masks it: VOID is NaN, and its number elsewhere.
+    # As masked by rioxarray: VOID is NaN, and its number is in the encoding.
     with rioxarray.open_rasterio(FIXTURES / "island_elevation.tif", masked=True) as array:
         spinney.build(array, out)
     spinney.build(FIXTURES / "island_elevation.tif", tmp_path / "t.goblin")
@@ -243,7 +246,7 @@ def test_types_of_samples_that_are_kept(tmp_path: Path, given: str, kept: str) -
     spinney.build(array, tmp_path / "o.goblin")
     with spinney.open(tmp_path / "o.goblin") as ds:
         assert ds.dtype == kept and np.array_equal(ds[...], array.astype(kept))
-        # (Booleans are classes: a mean of them would be 0 or 1 at random.)
+        # (Booleans are classes: their mean would be rounded to 0 or 1.)
         assert ds.kind == ("categorical" if given == "?" else "continuous")
 
 
@@ -327,7 +330,7 @@ def test_void_among_values_that_are_all_in_use(tmp_path: Path, masked: bool | No
         read = made.read(masked=True)
         assert np.array_equal(read.mask, mask) and np.array_equal(read.compressed(), colours[~mask])
         assert made.dtype == ("uint8" if masked is False else "float32") and made.nodata is None
-    # A solid: what is VOID is empty, also as an array.
+    # A solid: VOID is empty, also as an array.
     z, y, x = np.indices((20, 30, 40)) - 15
     spinney.build(x**2 + y**2 + z**2 < 90, tmp_path / "s.goblin", dims="zyx")
     with xr.open_dataset(tmp_path / "s.goblin", engine="spinney", mask_and_scale=masked) as found:

@@ -21,7 +21,7 @@ def read(path: Path, layer: str) -> np.ma.MaskedArray:
 
 
 def same(found: np.ma.MaskedArray, wanted: object) -> bool:
-    """Whether cells are alike; NaN is VOID."""
+    """Returns whether cells are equal; NaN is VOID."""
     array = np.ma.asarray(wanted)
     hidden = np.ma.getmaskarray(array) | (np.isnan(array.data) if array.dtype.kind == "f" else False)
     return found.dtype == array.dtype and np.array_equal(np.ma.getmaskarray(found), hidden) and np.array_equal(found.data[~hidden], array.data[~hidden])
@@ -65,7 +65,7 @@ def test_bands_of_arrays_have_masks_of_their_own(tmp_path: Path) -> None:
     array = np.ma.array(np.stack([noise((60, 70), "uint16", seed) for seed in range(6)]), mask=False)
     for band in range(6):
         array[band, band * 8 : band * 8 + 9] = np.ma.masked
-    # (Together they are no values of one tree.)
+    # (Together they do not form values of one tree.)
     with pytest.raises(ValueError, match="bands differ"):
         spinney.build(array[:3], path)
     for source, options in (

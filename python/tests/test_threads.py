@@ -17,14 +17,14 @@ import spinney
 
 
 def part_sum(ds: spinney.Dataset, row: int) -> int:
-    """Something of a part, in another process."""
+    """Returns the sum of a region, in another process."""
     return int(ds[row : row + 20].astype(int).sum()) + ds.stats().cells
 
 
 @pytest.mark.parametrize("method", ["spawn", "fork", "forkserver"])
 def test_datasets_are_pickled_to_processes(island: str, method: str) -> None:
     ds = spinney.open(island, view=["window=10,10,200,150"])
-    # (Whatever threads there are must not be missed in forked processes.)
+    # (Threads of the parent do not exist in forked processes.)
     spinney.transform(island, "depth=5", os.path.dirname(island) + "/t.goblin")
     wanted = [part_sum(ds, row) for row in range(0, 100, 20)]
     context = multiprocessing.get_context(method)
@@ -44,7 +44,7 @@ def test_pickles_keep_the_commit(history: str) -> None:
 
 def test_forked_processes_build_and_measure(island: str, tmp_path: Path) -> None:
     array = np.arange(700 * 600, dtype="u2").reshape(700, 600)
-    # The parent's threads are there, and will not be in the child.
+    # The parent's threads exist now, and will not in the child.
     spinney.build(array, tmp_path / "parent.goblin")
     ds = spinney.open(island)
     child = os.fork()
@@ -80,7 +80,7 @@ def test_eight_threads_read_while_another_process_edits(tmp_path: Path) -> None:
             own = spinney.open(path)
             for tree in (own, ds):
                 cells = tree[...]
-                # A commit is seen whole.
+                # Readers see a commit completely.
                 assert (cells == cells[0, 0]).all()
                 found = tree.stats()
                 assert found.min == found.max and found.cells == 64 * 64
@@ -110,7 +110,7 @@ def test_threads_share_one_dataset(relief: str) -> None:
 
 
 def resident() -> int:
-    """Bytes of memory that this process has."""
+    """Returns the resident memory of this process in bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
@@ -130,7 +130,7 @@ def test_nothing_is_leaked(island: str, positioned: bool) -> None:
     for _ in range(500):
         round()
     before = resident()
-    # (400 bytes in each round would be too much.)
+    # (A leak of 400 bytes per round would be too much.)
     for _ in range(3000):
         round()
     assert resident() - before < 5 << 18

@@ -1,4 +1,4 @@
-"""Two files together: what differs is converted, or refused with advice."""
+"""Two files together: differences are converted, or refused with advice."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ UTM = "EPSG:32632"
 
 
 def build(path: Path, value: float, dtype: str, *, left: float = 0.0, cell: float = 10.0, shape: tuple[int, int] = (10, 12), **more: object) -> Path:
-    """A tree whose stored numbers are all one, in the first zone of the examples."""
+    """Builds a tree whose stored numbers are all equal, in the first UTM zone of the examples."""
     transform = [cell, 0, 500000 + left, 0, -cell, 5200000]
     spinney.build(np.full(shape, value, dtype), path, transform=transform, crs=more.pop("crs", UTM), **more)  # type: ignore[arg-type]
     return path
 
 
 def meanings(path: Path) -> list[float]:
-    """What the cells of a row mean; NaN is VOID."""
+    """Returns the physical values of a row of cells; NaN is VOID."""
     tree = spinney.open(path)
     cells = tree.read(masked=True)[0][4]
     scale, offset = tree.scales[0], tree.offsets[0]
@@ -48,7 +48,7 @@ def test_scales_units_and_types_are_converted(tmp_path: Path) -> None:
         assert spinney.diff(a, b, extent="intersection").changed == 60
     spinney.combine("over", [a, b], tmp_path / "a_only.goblin", extent="a")
     assert len(meanings(tmp_path / "a_only.goblin")) == 12
-    # Of unlike quantities there is no conversion; numbers can be taken as they are.
+    # Different quantities are not converted; stored numbers can be used unchanged.
     c = build(tmp_path / "c.goblin", 24, "i2", units=["degC"])
     with pytest.raises(ValueError, match="--units number"):
         spinney.combine("over", [a, c], tmp_path / "none.goblin")

@@ -1,4 +1,4 @@
-"""Every subcommand and option of the program has a name in Python, or a reason why it has none."""
+"""Every subcommand and option of the program has a name in Python, or a reason for its absence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def help_of(program: str, *words: str) -> str:
 
 
 def commands(program: str) -> list[str]:
-    """Names of all subcommands, from the program's own list."""
+    """Returns the names of all subcommands, from the program's own list."""
     listed = help_of(program).split("\nOptions:")[0]
     names = [name for name in re.findall(r"^  ([a-z-]+) {2,}\S", listed, re.MULTILINE) if name != "help"]
     for task in ("edit", "shard"):
@@ -35,7 +35,9 @@ def commands(program: str) -> list[str]:
 
 
 def named(text: str) -> list[str]:
-    """The names in a cell of the table: `build(crs=)`, `Dataset.read`; none if it gives a reason."""
+    """Returns the names in a cell of the table: `build(crs=)`, `Dataset.read`; none if the cell
+    gives a reason.
+    """
     return re.findall(r"`([^`]+)`", text)
 
 

@@ -1,4 +1,4 @@
-"""Integers of 8 and of 64 bits: NumPy says what is right, to the last digit."""
+"""Integers of 8 and of 64 bits: exact to the last digit, with NumPy as the reference."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from conftest import run
 import spinney
 
 BASE = {"uint64": 2**63 + 3, "int64": -(2**62) - 3, "int8": -125}
-"""Numbers whose neighbours no float tells apart (but of int8)."""
+"""Numbers that floats do not distinguish from their neighbours (except for int8)."""
 
 
 def cells(dtype: str, size: tuple[int, ...] = (70, 90), spread: int = 200, seed: int = 1) -> np.ndarray:
@@ -29,7 +29,7 @@ def test_arrays_come_back(tmp_path: Path, dtype: str) -> None:
     spinney.build(array, path, nodata=hole)
     with spinney.open(path) as ds:
         assert ds.dtype == dtype and ds.nodata == int(hole) and isinstance(ds.nodata, int)
-        # A number that levels may have is not used for VOID.
+        # A number that coarser levels may have is not used for VOID.
         bounds = np.delete(array, np.flatnonzero(array == hole))
         is_free = not int(bounds.min()) <= int(hole) <= int(bounds.max())
         assert isinstance(ds.fill_value, int) and (ds.fill_value == int(hole)) == is_free
@@ -103,7 +103,7 @@ def test_edits_have_all_digits(tmp_path: Path, dtype: str) -> None:
 @pytest.mark.parametrize("dtype", ["uint64", "int64"])
 def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
     array, path = cells(dtype), tmp_path / "a.tif"
-    # (Rasterio writes the nodata number as a float has it; the last digit, which none has, is put in afterwards.)
+    # (Rasterio writes the nodata number rounded to a float; the last digit is patched afterwards.)
     near = -(2**53) if dtype == "int64" else 2**53
     array[0, 0] = near + (near > 0) - (near < 0)
     profile = {"driver": "GTiff", "height": 70, "width": 90, "count": 1, "dtype": dtype, "nodata": near}
@@ -126,7 +126,7 @@ def test_files_are_those_of_rasterio(tmp_path: Path, dtype: str) -> None:
             assert file.dtypes == (dtype,) and np.array_equal(file.read(1), array), name
     assert np.array_equal(np.load(tmp_path / "b.npy").reshape(array.shape), array)
     made = spinney.open(tmp_path / "a.goblin")
-    # (Numbers with VOID become floating-point ones with NaN, as xarray decodes them.)
+    # (Numbers with VOID become floats with NaN, as in xarray's decoding.)
     assert xarray.open_dataset(made.path, engine="spinney").band_data.dtype == "float64"
     again = xarray.open_dataset(made.path, engine="spinney", mask_and_scale=False).band_data
     assert again.dtype == dtype and np.array_equal(again.to_numpy()[0], array)
@@ -162,7 +162,9 @@ def test_octrees_and_numpy_files(tmp_path: Path) -> None:
 @pytest.mark.parametrize("dtype", ["uint64", "int64"])
 @pytest.mark.parametrize("ending", ["goblin", "autumn"])
 def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, ending: str) -> None:
-    """A layer of a stack, by all ways to its numbers: neighbours that no float tells apart, and VOID that is one of them."""
+    """A layer of a stack, in all functions with numbers: neighbours that floats do not distinguish,
+    and VOID that is one of them.
+    """
     array, path = cells(dtype, (70, 90), 4), tmp_path / f"s.{ending}"
     base, void = BASE[dtype], BASE[dtype] + 3
     names = {base: "the one", base + 1: "its neighbour"}
@@ -177,7 +179,7 @@ def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, end
         assert np.array_equal(np.from_dlpack(ds), array)
         mapped = ds.mapped((0, 0, 64, 64))
         assert mapped is None or np.array_equal(np.asarray(mapped)[..., :], array[:64, :64])
-        # Coarser cells are classes that are there.
+        # Coarser cells are existing classes.
         coarse = ds.read(1, level=3, masked=True)
         assert set(np.unique(coarse.compressed()).tolist()) <= set(np.unique(array[valid]).tolist())
         ys, xs = np.divmod(np.arange(0, array.size, 37), array.shape[1])
@@ -201,7 +203,7 @@ def test_every_door_has_all_digits(tmp_path: Path, program: str, dtype: str, end
         blocks = ds.find(base + 1)
         assert len(blocks) and set(blocks.values.compressed().tolist()) == {base + 1}
         assert sum(int(width * height) for _, _, width, height in blocks.boxes) == told[base + 1]
-    # JSON, of the program and of Python.
+    # JSON, from the program and from Python.
     said = json.loads(run(program, "stats", f"{path}:id", "--json"))
     listed = {entry["value"]: entry["cells"] for entry in said["classes"]}
     assert listed == told and all(isinstance(number, int) for number in listed)

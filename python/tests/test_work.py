@@ -1,4 +1,4 @@
-"""Terms of long work: threads, limits, times, and Ctrl-C."""
+"""Terms of long jobs: threads, limits, times, and Ctrl-C."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ import spinney
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Trees and a model that take a while: maps, one to edit, octrees, a surface of many triangles."""
+    """Slow inputs: maps, one to edit, octrees, a surface of many triangles."""
     folder = tmp_path_factory.mktemp("work")
     random = np.random.default_rng(7)
     for name in ("first", "second"):
@@ -45,7 +45,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def make_all(place: Path, threads: int | None) -> list[Path]:
-    """Makes everything that many threads make, in the current folder."""
+    """Writes every output that many threads can write, in the current directory."""
     outputs: list[Path] = []
 
     def file(name: str) -> Path:
@@ -106,7 +106,7 @@ def test_threads_change_nothing(place: Path, tmp_path: Path, monkeypatch: pytest
     for threads in (1, 3, None):
         folder = tmp_path / str(threads)
         folder.mkdir()
-        # (Files tell the names of those that they were made of.)
+        # (Files record the names of their inputs.)
         monkeypatch.chdir(folder)
         contents.append({path.name: path.read_bytes() for path in make_all(place, threads)})
     assert len(contents[0]) > 20
@@ -236,7 +236,7 @@ def test_features_are_chosen_by_values(program: str, island: str) -> None:
             ds.zonal(document, where={"name": "nobody"})
         with pytest.raises(ValueError, match="place, which no feature has.*name"):
             ds.zonal(document, where={"place": "x"})
-        # (The program's option has commas between several.)
+        # (The program's option separates several names by commas.)
         number = next(number for number, name in enumerate(names) if "," not in name)
         told = json.loads(run(program, "stats", island, "--zones", path, "--json", "--where", f"name={names[number]}"))
         assert [zone["cells"] for zone in told["zones"]] == [every[number].cells]
@@ -264,7 +264,7 @@ def test_zones_are_read_from_files(tmp_path: Path, island: str) -> None:
         (tmp_path / "points.csv").write_text("x,y\n1,2\n")
         with pytest.raises(Exception, match="zones are polygons"):
             ds.zonal(tmp_path / "points.csv")
-        # A frame of features has its coordinate system beside them.
+        # A frame of features has its coordinate system as an attribute.
         features = {"type": "FeatureCollection", "features": document["features"]}
         assert ds.zonal(SimpleNamespace(crs="EPSG:32628", __geo_interface__=features)) == every
 
@@ -275,7 +275,7 @@ Work = Callable[[Path, Path], Any]
 
 
 def triangles() -> list[dict]:
-    """Many polygons of a map."""
+    """Returns many polygons of a map."""
     random = np.random.default_rng(8)
     corners = random.uniform(0, 2500, (2000, 1, 2)) + random.uniform(0, 500, (2000, 3, 2))
     return [{"type": "Polygon", "coordinates": [[*ring.tolist(), ring[0].tolist()]]} for ring in corners]
@@ -286,7 +286,7 @@ def points(count: int, axes: int, most: float) -> np.ndarray:
 
 
 def rows() -> Any:
-    """Rows of an array, one below the other."""
+    """Yields rows of an array, one at a time."""
     row = noise((1, 4000), "u2")
     for _ in range(9000):
         yield row
@@ -382,11 +382,11 @@ def test_ctrl_c_ends_work(place: Path, tmp_path: Path, name: str) -> None:
             raise
         took = time.monotonic() - begin
         timer.join()
-        # (So that it does not come anywhere else.)
+        # (So that it is not raised anywhere else.)
         time.sleep(0.01)
     except KeyboardInterrupt:
         pass
     assert outcome == "was interrupted"
-    # (Whoever did not look at signals meanwhile is told of them at the end.)
+    # (Code that did not check signals raises them at the end.)
     assert took < max(0.8 * whole, 0.3), f"{took:.2f} of {whole:.2f} s"
     assert {path.name for path in second.iterdir()} <= {"edit.autumn"}

@@ -1,4 +1,6 @@
-"""xarray: lazily, with coordinates, coordinate systems and classes, under Dask's threads and processes."""
+"""xarray: lazily, with coordinates, coordinate systems and classes, under Dask's threads and
+processes.
+"""
 
 from __future__ import annotations
 
@@ -156,7 +158,9 @@ def test_round_trips(island: str, relief: str, tmp_path: Path) -> None:
 
 
 def keys_of_nsidc(path: Path) -> None:
-    """Writes a TIFF whose system its keys define by parameters: polar stereographic on an ellipsoid without a name."""
+    """Writes a TIFF whose coordinate system its keys define by parameters: polar stereographic on
+    an unnamed ellipsoid.
+    """
     rasterio = pytest.importorskip("rasterio")
     crs = rasterio.CRS.from_user_input("+proj=stere +lat_0=-90 +lat_ts=-70 +a=6378273 +rf=298.279411123064")
     transform = rasterio.Affine(25000, 0, -3950000, 0, -25000, 4350000)

@@ -1,4 +1,6 @@
-"""Datasets of the xarray engine: what xarray's own options do, what becomes of integers, pickles, and names of Dask arrays."""
+"""Datasets of the xarray engine: xarray's own options, types of integers, pickles, and names of
+Dask arrays.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ def test_integers_become_what_xarray_makes_of_them(tmp_path: Path, dtype: str, s
     void = np.iinfo(dtype).max if dtype[0] == "u" else np.iinfo(dtype).min
     array = np.array([[1, 2, 3], [4, 5, void]], dtype)
     spinney.build(array, tmp_path / "t.goblin", nodata=void, **scaling)
-    # What xarray itself does with the same numbers and attributes.
+    # xarray's own result for the same numbers and attributes.
     attrs = {"_FillValue": array.dtype.type(void)}
     attrs |= {name: scaling[key][0] for name, key in (("scale_factor", "scales"), ("add_offset", "offsets")) if key in scaling}
     expected = xr.decode_cf(xr.Dataset({"v": (("y", "x"), array, attrs)})).v
@@ -81,7 +83,7 @@ def test_options_of_xarray(tmp_path: Path) -> None:
 
 
 def test_storage_options_reach_the_store() -> None:
-    # (An option that there is not is refused before any request.)
+    # (An unknown option is refused before any request.)
     with pytest.raises(ValueError, match="no_such_option"):
         xr.open_dataset("s3://bucket/x.goblin", engine="spinney", storage_options={"no_such_option": 1})
 
@@ -125,7 +127,7 @@ def test_tokens_of_dask_are_those_of_the_version(tmp_path: Path) -> None:
             seen.setdefault("level", []).append(da.from_array(ds.level(3), chunks=4).name)
             assert dask.tokenize(same) == dask.tokenize(ds) != dask.tokenize(view)
             assert dask.tokenize(pickle.loads(pickle.dumps(ds))) == dask.tokenize(ds)
-        # (Of a name with a layer or a commit xarray has no time of modification.)
+        # (For a name with a layer or a commit xarray has no modification time.)
         with spinney.open(path) as ds:
             named = f"{path}:{ds.names[0]}" if ds.names[0] else f"{path}:0"
         for name in (path, named):
@@ -157,7 +159,7 @@ def test_a_remote_file_that_was_replaced(tmp_path: Path) -> None:
     with serve(tmp_path) as server:
         tokens = []
         for _ in range(2):
-            # (What was opened a moment ago is not opened again: another name.)
+            # (A recently opened file is not opened again, hence another name.)
             ds = spinney.open(f"{server.url}/elevation.goblin?{len(tokens)}")
             ds.check_unchanged()
             server.counts()

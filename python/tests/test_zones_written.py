@@ -1,4 +1,4 @@
-"""Features that are written with the statistics of the cells in them."""
+"""Features that are written with the statistics of their cells."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENDINGS = ("geojson", "csv", "gpkg", "fgb", "shp", "svg")
 
 
 def written(path: Path) -> bytes:
-    """All bytes of a file and of those beside it."""
+    """Returns all bytes of a file and of its sidecar files."""
     return b"".join(own.read_bytes() for own in sorted(path.parent.glob(path.stem + ".*")))
 
 
@@ -60,7 +60,7 @@ def test_features_keep_what_they_had(island: str, tmp_path: Path) -> None:
         assert ds.zonal(document, ["count"], where={"kind": "wood"}, attribute=["kind"], out=out) == 1
         (found,) = json.loads(out.read_text())["features"]
         assert found["properties"] == {"kind": "wood", "count": zone.cells}
-        # Values that are asked for are those of the answer without a file.
+        # Requested values are those of the result without a file.
         (told,) = ds.zonal(alone, ["mean", "median"], quantiles=[0.25], edge="area")
         ds.zonal(alone, ["mean", "median"], quantiles=[0.25], edge="area", out=out)
         (found,) = json.loads(out.read_text())["features"]
@@ -78,7 +78,7 @@ def test_geometries_are_in_the_system_of_the_tree(relief: str, tmp_path: Path) -
         for feature in document["features"]:
             assert feature["properties"] == told
             assert shapely.geometry.shape(feature["geometry"]).equals(box)
-        # What was written is read at the same place.
+        # Written features have the same cells when they are read.
         assert ds.zonal(document, ["count", "mean"]) == [told, told]
         assert ds.zonal(out, ["count", "mean"]) == [told, told]
 

@@ -1,11 +1,11 @@
-//! Answers, as JavaScript takes them.
+//! Results of queries, for JavaScript.
 
 use serde_json::Value;
 use spinney_base::value::{Number, SampleType};
 use spinney_report::JsonNumbers;
 use wasm_bindgen::prelude::wasm_bindgen;
 
-/// The answer to a question: what it is, or what it lacks, or why there is none.
+/// The result of a query: its value, the ranges that it lacks, or an error.
 #[wasm_bindgen]
 pub struct Answer {
     text: String,
@@ -16,7 +16,7 @@ pub struct Answer {
 
 #[wasm_bindgen]
 impl Answer {
-    /// JSON: the answer, or the error.
+    /// JSON: the value, or the error.
     #[wasm_bindgen(getter)]
     pub fn text(&self) -> String {
         self.text.clone()
@@ -28,32 +28,32 @@ impl Answer {
         self.is_failure
     }
 
-    /// Ranges that the question lacks: three numbers each, of the file, the first byte and the one behind the last. If there are any, there is
-    /// no answer yet.
+    /// Ranges that the query lacks, three numbers each: file, first byte, exclusive end. If there
+    /// are any, there is no result yet.
     #[wasm_bindgen(getter)]
     pub fn missing(&self) -> Vec<f64> {
         self.missing.clone()
     }
 
-    /// Takes one of the arrays of bytes that belong to the answer.
+    /// Moves one of the result's byte arrays out.
     pub fn take(&mut self, number: usize) -> Vec<u8> {
         self.buffers.get_mut(number).map_or_else(Vec::new, std::mem::take)
     }
 }
 
 impl Answer {
-    /// An answer that lacks ranges.
+    /// Creates a result that lacks ranges.
     pub(crate) fn missing_ranges(missing: Vec<f64>) -> Answer {
         Answer { text: String::new(), buffers: Vec::new(), missing, is_failure: false }
     }
 
-    /// An error.
+    /// Creates a result from an error.
     pub(crate) fn failed(error: &Value) -> Answer {
         Answer { text: error.to_string(), buffers: Vec::new(), missing: Vec::new(), is_failure: true }
     }
 }
 
-/// An answer as it was found: JSON, and bytes beside it.
+/// The value of a query: JSON, and separate byte arrays.
 #[derive(Default)]
 pub(crate) struct Found {
     pub(crate) json: Value,
@@ -73,17 +73,17 @@ impl From<Found> for Answer {
     }
 }
 
-/// A sample, as JavaScript reads it.
+/// Returns a sample as JSON for JavaScript.
 pub(crate) fn sample(number: Number, of: SampleType) -> Value {
     JsonNumbers::Marked.sample(number, of)
 }
 
-/// A count, as JavaScript reads it.
+/// Returns a count as JSON for JavaScript.
 pub(crate) fn count(count: u64) -> Value {
     JsonNumbers::Marked.count(count)
 }
 
-/// Numbers as little-endian bytes.
+/// Returns numbers as little-endian bytes.
 pub(crate) fn bytes_of<const N: usize, T: Copy>(numbers: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
     numbers.iter().flat_map(|number| to(*number)).collect()
 }

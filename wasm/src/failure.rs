@@ -1,4 +1,4 @@
-//! Errors and panics, as JavaScript is told of them.
+//! Errors and panics, for JavaScript.
 
 use std::error::Error as _;
 use std::sync::Mutex;
@@ -8,7 +8,7 @@ use spinney_base::Error;
 
 static LAST: Mutex<Option<String>> = Mutex::new(None);
 
-/// Keeps the message of a panic, behind which there is nothing more to be run.
+/// Installs a hook that stores the message of a panic, after which the module cannot run any more.
 pub(crate) fn keep_panics() {
     std::panic::set_hook(Box::new(|panic| {
         if let Ok(mut last) = LAST.try_lock() {
@@ -17,12 +17,12 @@ pub(crate) fn keep_panics() {
     }));
 }
 
-/// The message of the panic that was.
+/// Returns the message of the last panic.
 pub(crate) fn last_panic() -> Option<String> {
     LAST.try_lock().ok().and_then(|mut last| last.take())
 }
 
-/// An error: its kind, its message, and the parts of that.
+/// Returns an error as JSON: its kind, its message, and the fields of the message.
 pub(crate) fn as_json(error: &Error) -> Value {
     let mut message = error.to_string();
     if let Some(cause) = error.source() {
@@ -56,7 +56,7 @@ pub(crate) fn as_json(error: &Error) -> Value {
     json
 }
 
-/// The error that an answer would have too many bytes.
+/// Returns the error for a result with too many bytes.
 pub(crate) fn too_large(path: &std::path::Path, what: &str, needed: u64, limit: u64) -> Error {
     let advice = "ask for a smaller part, or for a coarser level".into();
     Error::TooLarge { path: path.into(), what: what.into(), needed, limit, advice }

@@ -1,4 +1,4 @@
-//! Files, and what of them is open.
+//! Files, and the trees and models that are open.
 
 use std::borrow::Cow;
 use std::cell::RefCell;
@@ -16,10 +16,10 @@ use spinney_engine::dataset::Dataset;
 
 use crate::pictures::Prepared;
 
-/// Bytes of ranges that are held if nobody says otherwise.
+/// Default size of the range cache in bytes.
 const CACHE: u64 = 64 << 20;
 
-/// A file: its name for messages, and its bytes.
+/// A file: its name in messages, and its bytes.
 #[derive(Clone)]
 pub(crate) struct File {
     pub(crate) name: PathBuf,
@@ -32,7 +32,7 @@ enum Bytes {
     Whole(WholeFile),
 }
 
-/// The bytes of a file that is all there.
+/// A file whose bytes are complete.
 #[derive(Clone)]
 struct WholeFile(Arc<Vec<u8>>);
 
@@ -50,7 +50,7 @@ impl ReadBackend for WholeFile {
     }
 }
 
-/// The way to bytes that nobody in here can fetch.
+/// A backend for bytes that JavaScript must fetch.
 struct Elsewhere;
 
 impl Fetch for Elsewhere {
@@ -59,11 +59,11 @@ impl Fetch for Elsewhere {
     }
 }
 
-/// A tree or a model that is open, with its file.
+/// An open tree or model, with its file.
 pub(crate) struct Opened {
     pub(crate) file: File,
     pub(crate) content: Content,
-    /// Styles and grids that are made ready once for many pictures.
+    /// Styles and grids, prepared once for many images.
     pub(crate) prepared: Prepared,
 }
 
@@ -90,7 +90,7 @@ thread_local! {
 }
 
 impl File {
-    /// Options by which the file is opened, whatever its name.
+    /// Returns the options that open the file's bytes, whatever the name.
     pub(crate) fn options(&self) -> OpenOptions {
         let bytes = self.bytes.clone();
         OpenOptions::new().source(ByteSource::new(move |_: &Path| {
@@ -110,7 +110,7 @@ fn add(number: u64, name: &str, bytes: Bytes) -> u64 {
 pub(crate) fn add_ranges(name: &str, length: u64) -> u64 {
     let number = RangeCache::file_number();
     let cache = STATE.with_borrow(|state| state.cache.clone());
-    // (Who fetches joins ranges.)
+    // (JavaScript joins ranges.)
     let file = RangeFile::new(Path::new(name), length, Box::new(Elsewhere), (cache, number), 0);
     add(number, name, Bytes::Ranges(file))
 }
@@ -125,7 +125,7 @@ pub(crate) fn remove(number: u64) {
 
 pub(crate) fn supply(number: u64, offset: u64, bytes: Vec<u8>) {
     let file = STATE.with_borrow(|state| state.files.get(&number).map(|file| file.bytes.clone()));
-    // (Of one that was forgotten meanwhile, nobody needs any.)
+    // (A file that was removed meanwhile needs no bytes.)
     if let Some(Bytes::Ranges(file)) = file {
         file.supply(offset, bytes);
     }
@@ -140,7 +140,7 @@ pub(crate) fn close(opened: u32) {
     drop(closed);
 }
 
-/// The file with a number.
+/// Returns the file with a number.
 ///
 /// # Errors
 /// If there is none.
@@ -149,7 +149,7 @@ pub(crate) fn file(number: u64) -> Result<File> {
     found.ok_or_else(|| Error::invalid("file", number.to_string(), "one that was added"))
 }
 
-/// Keeps what was opened; returns its number.
+/// Stores an open object; returns its number.
 pub(crate) fn keep(opened: Opened) -> u32 {
     STATE.with_borrow_mut(|state| {
         state.next += 1;
@@ -158,10 +158,10 @@ pub(crate) fn keep(opened: Opened) -> u32 {
     })
 }
 
-/// The tree or model that is open by a number.
+/// Returns the open tree or model with a number.
 ///
 /// # Errors
-/// If there is nothing.
+/// If there is none.
 pub(crate) fn opened(number: u32) -> Result<Rc<Opened>> {
     let found = STATE.with_borrow(|state| state.opened.get(&number).cloned());
     found.ok_or_else(|| Error::invalid("dataset", "a closed one", "an open one"))
@@ -172,7 +172,7 @@ impl Opened {
         Opened { file, content, prepared: Prepared::default() }
     }
 
-    /// The tree of cells.
+    /// Returns the tree of cells.
     ///
     /// # Errors
     /// If it is an exact model.
@@ -187,7 +187,7 @@ impl Opened {
         }
     }
 
-    /// The exact model.
+    /// Returns the exact model.
     ///
     /// # Errors
     /// If it is a tree of cells.

@@ -1,4 +1,4 @@
-//! The content of a file, as JavaScript is told when it is opened.
+//! Headers of opened files, for JavaScript.
 
 use serde_json::{Value, json};
 use spinney_base::Result;
@@ -13,10 +13,10 @@ use spinney_report::{JsonNumbers, commit_as_json};
 use crate::answer::{count, sample};
 use crate::files::{Content, Opened};
 
-/// The header of what is open.
+/// Returns the header of an open file.
 ///
 /// # Errors
-/// If a layer is damaged.
+/// If a layer is corrupt.
 pub(crate) fn of(opened: &Opened) -> Result<Value> {
     match &opened.content {
         Content::Cells(tree) => of_cells(tree),
@@ -88,7 +88,7 @@ fn of_cells(tree: &Dataset) -> Result<Value> {
 fn of_model(view: &ModelView) -> Result<Value> {
     let model = view.file();
     let metadata = model.metadata();
-    // (What is everywhere but in a part of space has none.)
+    // (An unbounded body has no bounds.)
     let bounds = if model.is_unbounded() { None } else { Some(view.bounds()?) };
     Ok(json!({
         "kind": "model",
@@ -112,7 +112,8 @@ fn colour(metadata: &Metadata, value: &Number) -> Option<[u8; 4]> {
     palette.colours.get(usize::try_from(value.to_integer()?).ok()?).copied()
 }
 
-/// The unit of a tree's world: that of the model, or of the coordinate system; cells where nothing places them.
+/// Returns the unit of a tree's world coordinates: that of the model, or of the coordinate system;
+/// cells without georeferencing.
 fn unit(metadata: &Metadata) -> Option<&str> {
     metadata.tag(Tag::Unit).or_else(|| match &metadata.frame.crs {
         Some(crs) => crs.unit(),
@@ -128,9 +129,9 @@ fn crs_json(crs: &Crs) -> Value {
     })
 }
 
-/// West, south, east and north of a picture, in degrees; nothing where that is not known.
+/// Returns west, south, east and north of a raster in degrees, if known.
 fn geographic_bounds(frame: &Frame, picture: &Bounds) -> Option<[f64; 4]> {
-    /// Steps along each side: lines that are straight in one system are curves in the other.
+    /// Subdivisions of each side: lines that are straight in one system are curves in the other.
     const STEPS: u32 = 32;
     let way = Transformation::new(frame.crs.as_ref()?, &Crs::epsg(4326), true).ok()?;
     let [width, height, _] = picture.max.map(|cells| cells as f64);

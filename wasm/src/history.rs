@@ -16,16 +16,16 @@ use crate::answer::{Found, count, sample};
 use crate::files::Opened;
 use crate::part::Part;
 
-/// Two commits.
+/// A comparison of two commits.
 #[derive(Deserialize)]
 pub(crate) struct Request {
     from: u64,
     to: Option<u64>,
-    /// Blocks that are handed out at most; all are counted.
+    /// Maximum number of blocks that are returned; all are counted.
     limit: Option<usize>,
 }
 
-/// Blocks that are handed out if nobody says how many.
+/// Default maximum number of blocks.
 const BLOCKS: usize = 10_000;
 
 /// Fails if the file has no commits.
@@ -36,7 +36,7 @@ fn check_commits(tree: &Dataset) -> Result<()> {
     }
 }
 
-/// The commits of a file, the newest first.
+/// Returns the commits of a file, newest first.
 pub(crate) fn commits(opened: &Opened, limit: Option<usize>) -> Result<Found> {
     check_commits(opened.cells()?)?;
     let file = &opened.file;
@@ -49,7 +49,7 @@ pub(crate) fn commits(opened: &Opened, limit: Option<usize>) -> Result<Found> {
     Ok(Value::from(commits).into())
 }
 
-/// Where two commits differ.
+/// Returns the differences of two commits.
 pub(crate) fn diff(opened: &Opened, part: &Part, request: &Request) -> Result<Found> {
     let tree = opened.cells()?;
     check_commits(tree)?;

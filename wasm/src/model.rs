@@ -9,7 +9,7 @@ use spinney_container::Tag;
 
 use crate::answer::{Found, bytes_of, count};
 
-/// A plane across an axis, or upright on a normal: the points whose product with it is `at`.
+/// A plane across an axis, or one with a normal: the points whose product with it is `at`.
 #[derive(Deserialize)]
 pub(crate) struct Plane {
     axis: Option<crate::solid::Axis>,
@@ -17,7 +17,7 @@ pub(crate) struct Plane {
     at: f64,
 }
 
-/// Volume, surface, centre and moments.
+/// Returns volume, surface area, centre and moments.
 pub(crate) fn measures(view: &ModelView) -> Result<Found> {
     let (mass, model) = (view.mass(&())?, view.file());
     Ok(json!({
@@ -33,7 +33,7 @@ pub(crate) fn measures(view: &ModelView) -> Result<Found> {
     .into())
 }
 
-/// Where places are.
+/// Classifies points.
 pub(crate) fn contains(view: &ModelView, numbers: &[f64]) -> Result<Found> {
     let points: Vec<[f64; 3]> = numbers.chunks_exact(3).map(|point| [point[0], point[1], point[2]]).collect();
     let mut locations = Vec::new();
@@ -46,7 +46,7 @@ pub(crate) fn contains(view: &ModelView, numbers: &[f64]) -> Result<Found> {
     Ok(Value::from(locations.iter().map(name).collect::<Vec<_>>()).into())
 }
 
-/// Where a plane cuts the model, as features whose geometries are polygons in space.
+/// Returns the section by a plane, as features whose geometries are polygons in space.
 pub(crate) fn section(view: &ModelView, plane: &Plane) -> Result<Found> {
     let plane = match (plane.axis, plane.normal) {
         (Some(axis), None) => CuttingPlane::across(axis as usize, plane.at),
@@ -67,7 +67,8 @@ pub(crate) fn section(view: &ModelView, plane: &Plane) -> Result<Found> {
         .into())
 }
 
-/// The faces as triangles, object by object: each triangle has corners of its own, from an origin on.
+/// Returns the faces as triangles, object by object: each triangle has its own vertices, relative
+/// to an origin.
 pub(crate) fn triangles(view: &ModelView) -> Result<Found> {
     let model = view.as_model("triangles")?;
     let [low, _] = view.bounds()?;

@@ -1,4 +1,4 @@
-//! Parts of trees: boxes of cells, or in coordinates.
+//! Regions of trees: boxes of cells, or in coordinates.
 
 use serde::Deserialize;
 use spinney_base::space::Bounds;
@@ -6,33 +6,34 @@ use spinney_base::{Error, Result};
 use spinney_crs::{Coordinates, CellLocator};
 use spinney_engine::dataset::Dataset;
 
-/// A part of a tree; all of it if none is given.
+/// A region of a tree, by default all of it.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct Part {
-    /// Cells of the deepest level: first ones, and those behind the last.
+    /// Cells of the deepest level: first ones, and exclusive ends.
     pub(crate) cells: Option<Vec<f64>>,
-    /// Least and greatest coordinates.
+    /// Minimum and maximum coordinates.
     pub(crate) bounds: Option<Vec<f64>>,
-    /// The coordinates that these are in: those of the tree's own system if none are named.
+    /// Coordinate system of the bounds, by default the tree's own.
     pub(crate) crs: Option<String>,
 }
 
-/// The coordinates that a text names, or the tree's own.
+/// Parses coordinates, by default the tree's own.
 pub(crate) fn coordinates(text: Option<&str>) -> Result<Coordinates> {
     text.map_or(Ok(Coordinates::World), str::parse)
 }
 
-/// The way from coordinates to a tree's cells.
+/// Returns the locator from coordinates to a tree's cells.
 pub(crate) fn places(tree: &Dataset, crs: Option<&str>) -> Result<CellLocator> {
     CellLocator::new(&coordinates(crs)?, &tree.metadata().frame, tree.header().extent)
 }
 
 impl Part {
-    /// The boxes of cells that are meant: one, or two on both sides of the tree's seam; `None` is all of the picture.
+    /// Returns the region's boxes of cells: one, or two on both sides of the tree's seam; `None` is
+    /// the whole raster.
     ///
     /// # Errors
-    /// If the numbers are none of a box, or it lies outside of the tree.
+    /// If the numbers do not form a box, or it lies outside of the tree.
     pub(crate) fn boxes(&self, tree: &Dataset) -> Result<Option<Vec<Bounds>>> {
         let axes = tree.header().form.axes();
         match (&self.cells, &self.bounds) {
@@ -52,7 +53,7 @@ impl Part {
         }
     }
 
-    /// The box of cells that is meant, all of the picture if none is given.
+    /// Returns the region's only box of cells, by default the whole raster.
     ///
     /// # Errors
     /// Those of [`Part::boxes`]; also if there are two.
@@ -68,7 +69,7 @@ impl Part {
     }
 }
 
-/// Least and greatest coordinates of a box along two axes, or three.
+/// Returns the minimum and maximum coordinates of a box along two or three axes.
 fn corners(numbers: &[f64], axes: usize) -> Result<[[f64; 3]; 2]> {
     match *numbers {
         [a, b, c, d] => Ok([[a, b, f64::NEG_INFINITY], [c, d, f64::INFINITY]]),
@@ -81,9 +82,9 @@ fn numbers_of(axes: usize) -> &'static str {
     if axes == 3 { "least and greatest x, y, z, or x, y" } else { "least and greatest x, y" }
 }
 
-/// A box of cells, which may reach out of the picture.
+/// Returns a box of cells, which may extend beyond the raster.
 fn cell_box(numbers: &[f64], axes: usize, extent: [u64; 3]) -> Result<Bounds> {
-    /// Cells along an axis of the largest space, and somewhat more.
+    /// Maximum number of cells along an axis, with a margin.
     const MOST: f64 = (1u64 << 32) as f64;
     let wrong = |found: String, expected: &str| Err(Error::invalid("cells", found, expected));
     if !(numbers.len() == 4 || numbers.len() == 6 && axes == 3) {

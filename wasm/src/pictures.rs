@@ -1,4 +1,4 @@
-//! Colours: pictures, tiles and legends of trees in a style.
+//! Images, tiles and legends of trees in a style.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -21,10 +21,10 @@ use crate::part::Part;
 use crate::solid::IN_SLICE;
 use crate::windows::{Detail, at_level, read};
 
-/// Bytes that a picture may have.
+/// Maximum bytes of an image.
 const MAX_BYTES: u64 = 1 << 28;
 
-/// How a part is painted.
+/// How a region is drawn.
 #[derive(Deserialize)]
 pub(crate) struct Image {
     style: Option<String>,
@@ -42,18 +42,18 @@ pub(crate) struct Tile {
     style: Option<String>,
 }
 
-/// Styles and grids that are made ready once for many pictures of a tree.
+/// Styles and grids, prepared once for many images of a tree.
 #[derive(Default)]
 pub(crate) struct Prepared {
     painters: RefCell<BTreeMap<Option<String>, Rc<TilePainter>>>,
     warped: RefCell<BTreeMap<usize, Rc<WarpedTiles>>>,
 }
 
-/// Styles that are kept ready.
+/// Maximum number of prepared styles.
 const MAX_STYLES: usize = 16;
 
 impl Prepared {
-    /// A style made ready: that of the tree, if none is given.
+    /// Returns a prepared style, by default the tree's.
     fn painter(&self, tree: &Dataset, style: Option<&String>) -> Result<Rc<TilePainter>> {
         let key = style.cloned();
         if let Some(ready) = self.painters.borrow().get(&key) {
@@ -69,7 +69,7 @@ impl Prepared {
         Ok(ready)
     }
 
-    /// Tiles of web maps of a tree that lies on another grid.
+    /// Returns the web map tiles of a tree on another grid.
     fn warped(&self, tree: &Dataset, side: usize) -> Result<Rc<WarpedTiles>> {
         if let Some(ready) = self.warped.borrow().get(&side) {
             return Ok(ready.clone());
@@ -78,7 +78,7 @@ impl Prepared {
             Error::unsupported(tree.name(), "a view as the source of tiles", "open the file itself")
         })?;
         let frame = &tree.metadata().frame;
-        // (Farther in than its cells are, too: maps are looked at closely.)
+        // (Also at zooms beyond the cells' resolution, which maps allow.)
         let deepest = MAX_ZOOM.min(29 - side.trailing_zeros() as u8).min(MAX_DRAWN_ZOOM);
         let mut options = WarpOptions::default();
         options.level_cells = Some(WarpOptions::LOOK);
@@ -89,7 +89,7 @@ impl Prepared {
     }
 }
 
-/// The deepest zoom of tiles that are warped.
+/// The deepest zoom of warped tiles.
 const MAX_DRAWN_ZOOM: u8 = 22;
 
 fn check_quadtree(tree: &Dataset) -> Result<()> {
@@ -103,7 +103,8 @@ fn check_quadtree(tree: &Dataset) -> Result<()> {
     ))
 }
 
-/// A picture of a part: red, green, blue and opacity of each pixel, which are the cells of a level.
+/// Returns an image of a region: red, green, blue and opacity of each pixel, which is a cell of a
+/// level.
 pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &Image) -> Result<Found> {
     let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
@@ -120,7 +121,7 @@ pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &I
     let margin = painter.margin() as usize;
     let [width, height] = [0, 1].map(|axis| cells.size()[axis] as usize);
     let (bytes, valid) = with_margin(tree, level, &cells, margin)?;
-    // (What has no place in the world has cells of one unit at all levels, as pictures of it have.)
+    // (Without georeferencing, cells have the size 1 at all levels, as in images.)
     let frame = &tree.metadata().frame;
     let frame = if frame.is_identity() { frame.clone() } else { frame.coarser(shift) };
     let columns = tree.extent_at(level).size()[0];
@@ -131,7 +132,8 @@ pub(crate) fn image(opened: &Opened, (part, detail): (&Part, &Detail), image: &I
     Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
 }
 
-/// Size and place of a picture of a level's cells: cells of the deepest level, and coordinates.
+/// Returns size and extent of an image of a level's cells: cells of the deepest level, and
+/// coordinates.
 fn picture_json(tree: &Dataset, [width, height]: [usize; 2], level: u8, cells: &Bounds) -> Value {
     let (axes, shift) = (tree.header().form.axes(), tree.depth() - level);
     let mut covered = Bounds { min: cells.min.map(|at| at << shift), max: cells.max.map(|at| at << shift) };
@@ -150,7 +152,7 @@ fn picture_json(tree: &Dataset, [width, height]: [usize; 2], level: u8, cells: &
     })
 }
 
-/// The samples of a box of a level's cells and of those around it, VOID where the tree has none.
+/// Returns the samples of a box of a level's cells with a margin, VOID outside of the tree.
 fn with_margin(tree: &Dataset, level: u8, cells: &Bounds, margin: usize) -> Result<(Vec<u8>, Vec<bool>)> {
     let width = tree.header().form.width();
     let margin = margin as u64;
@@ -160,14 +162,14 @@ fn with_margin(tree: &Dataset, level: u8, cells: &Bounds, margin: usize) -> Resu
         max: [cells.max[0] + margin, cells.max[1] + margin, 1],
     };
     let (bytes, valid) = read(tree, level, &inside, Number::default())?;
-    // (Cells that would have negative numbers are missing.)
+    // (Cells at negative positions are missing.)
     let before = [0, 1].map(|axis| (margin - (cells.min[axis] - inside.min[axis])) as usize);
     let [from, to] = [inside.size(), all].map(|size| [size[0] as usize, size[1] as usize]);
     Ok((framed(bytes, width, (from, to, before)), framed(valid, 1, (from, to, before))))
 }
 
-/// Cells of so many items each amid others that are nothing: columns and rows that there are, that there will be, and that there will be before
-/// them.
+/// Embeds cells of `items` items each into a larger array of defaults, given the columns and rows
+/// of both and the margin before them.
 fn framed<T: Copy + Default>(
     cells: Vec<T>,
     items: usize,
@@ -184,7 +186,8 @@ fn framed<T: Copy + Default>(
     all
 }
 
-/// A picture of a slice of an octree across an axis, with the highest cells at the top where one sees them from the side.
+/// Returns an image of a slice of an octree across an axis; a vertical slice has the highest cells
+/// at the top.
 pub(crate) fn slice_image(
     tree: &Dataset,
     prepared: &Prepared,
@@ -200,7 +203,7 @@ pub(crate) fn slice_image(
     let sides = ([width, height], [width + 2 * margin, height + 2 * margin], [margin; 2]);
     let bytes = framed(bytes, tree.header().form.width(), sides);
     let valid = framed(valid, 1, sides);
-    // (Slices are no maps.)
+    // (Slices have no ground distances.)
     let ground = vec![Ground::PIXEL; height];
     let block = SampleBlock { width, height, margin, bytes: &bytes, valid: &valid, ground: &ground };
     let mut rgba = vec![0; width * height * 4];
@@ -211,7 +214,7 @@ pub(crate) fn slice_image(
     Ok(Found { json: picture_json(tree, [width, height], level, &cells), buffers: vec![rgba] })
 }
 
-/// A tile: red, green, blue and opacity of each pixel, or nothing where nothing is there.
+/// Returns a tile: red, green, blue and opacity of each pixel, or nothing if it is empty.
 pub(crate) fn tile(opened: &Opened, tile: &Tile) -> Result<Found> {
     let (tree, prepared) = (opened.cells()?, &opened.prepared);
     check_quadtree(tree)?;
@@ -242,7 +245,7 @@ pub(crate) fn tile(opened: &Opened, tile: &Tile) -> Result<Found> {
     Ok(Found { json: json!({ "side": side, "isEmpty": buffers.is_empty() }), buffers })
 }
 
-/// Meaning of the colours of a style, section by section.
+/// Returns the meaning of the colours of a style, section by section.
 pub(crate) fn legend(opened: &Opened, image: &Image) -> Result<Found> {
     let tree = opened.cells()?;
     let painter = opened.prepared.painter(tree, image.style.as_ref())?;

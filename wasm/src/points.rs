@@ -10,17 +10,17 @@ use spinney_engine::query::PointSamples;
 use crate::answer::{Found, sample};
 use crate::part::places;
 
-/// How points are asked for, whose coordinates stand beside.
+/// How points are queried, whose coordinates are passed separately.
 #[derive(Deserialize)]
 pub(crate) struct Request {
     crs: Option<String>,
     level: Option<u8>,
 }
 
-/// The cell that stands for places outside of the picture.
+/// The cell that represents points outside of the raster.
 const OUTSIDE: [u64; 3] = [u64::MAX; 3];
 
-/// The cells of a level in which places are, each of as many numbers as the tree has axes.
+/// Returns the cells of a level at points, which have as many numbers each as the tree has axes.
 pub(crate) fn cells_at(
     tree: &Dataset,
     (crs, level): (Option<&str>, Option<u8>),
@@ -42,7 +42,7 @@ pub(crate) fn cells_at(
     Ok((numbers.chunks_exact(axes).map(cell).collect(), level))
 }
 
-/// The values at places.
+/// Returns the values at points.
 pub(crate) fn values(tree: &Dataset, request: &Request, numbers: &[f64]) -> Result<Found> {
     let (axes, of) = (tree.header().form.axes(), tree.header().form.value.sample);
     let (cells, level) = cells_at(tree, (request.crs.as_deref(), request.level), numbers)?;
@@ -67,7 +67,8 @@ pub(crate) fn values(tree: &Dataset, request: &Request, numbers: &[f64]) -> Resu
     Ok(Value::from(cells.iter().enumerate().map(point).collect::<Vec<_>>()).into())
 }
 
-/// Longitudes and latitudes of places in the tree's own system, of two numbers each; null where there are none.
+/// Returns longitudes and latitudes of points in the tree's own system, two numbers each; null if
+/// there are none.
 pub(crate) fn geographic(tree: &Dataset, numbers: &[f64]) -> Result<Found> {
     let Some(crs) = &tree.metadata().frame.crs else {
         return Err(Error::unsupported(

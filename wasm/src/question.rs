@@ -1,4 +1,4 @@
-//! Questions: what can be asked, and who answers.
+//! Queries, and their dispatch.
 
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -15,15 +15,15 @@ use crate::part::Part;
 use crate::windows::Detail;
 use crate::{failure, header, history, model, pictures, points, search, solid, statistics, windows, zones};
 
-/// Members that every question has: its name, and its subject.
+/// Members that every query has: its name, and its subject.
 #[derive(Deserialize)]
 struct About {
     ask: String,
-    /// Number of what is open.
+    /// Number of the open object.
     of: Option<u32>,
 }
 
-/// Which file is opened, and what of it.
+/// The file to be opened, with layer and commit.
 #[derive(Deserialize)]
 struct Open {
     file: u64,
@@ -31,19 +31,19 @@ struct Open {
     layer: Option<String>,
 }
 
-/// Commits that are wanted at most.
+/// Maximum number of commits.
 #[derive(Deserialize)]
 struct Commits {
     limit: Option<usize>,
 }
 
-/// The level at which places are looked at.
+/// The level at which points are read.
 #[derive(Deserialize)]
 struct Contains {
     level: Option<u8>,
 }
 
-/// The result of a pass over a question.
+/// The result of an attempt of a query.
 enum Outcome {
     Found(Found),
     /// With its header.
@@ -56,13 +56,13 @@ impl From<Found> for Outcome {
     }
 }
 
-/// Members of a question. (Each of those who answer takes what it knows.)
+/// Parses members of a query. (Each query has its own.)
 fn members<'q, T: Deserialize<'q>>(question: &'q Value) -> Result<T> {
     let expected = "members of the types that `index.d.ts` tells";
     T::deserialize(question).map_err(|error| Error::invalid("question", error.to_string(), expected))
 }
 
-/// Asks a question once.
+/// Tries a query once.
 pub(crate) fn ask(text: &str, places: &[f64]) -> Answer {
     let mut outcome = None;
     let (result, missing) = try_once(&mut || {
@@ -121,7 +121,7 @@ fn answer(question: &Value, places: &[f64]) -> Result<Outcome> {
         "measures" => model::measures(opened.model()?)?,
         "section" => model::section(opened.model()?, &members(question)?)?,
         "triangles" => model::triangles(opened.model()?)?,
-        // (For tests of what comes of it.)
+        // (For tests of panics.)
         "panic" => panic!("asked for"),
         other => return Err(Error::invalid("question", other, "one that the module knows")),
     };

@@ -11,7 +11,7 @@ use spinney_report::JsonNumbers;
 use crate::answer::{Found, count};
 use crate::part::Part;
 
-/// A condition on the first channel, and how many blocks are wanted.
+/// A condition on the first channel, and the number of blocks.
 #[derive(Deserialize)]
 pub(crate) struct Request {
     above: Option<Number>,
@@ -22,7 +22,7 @@ pub(crate) struct Request {
     largest: Option<usize>,
 }
 
-/// Blocks that are handed out if nobody says how many, and at most.
+/// Default and maximum number of blocks.
 const BLOCKS: usize = 10_000;
 const MAX_BLOCKS: usize = 1_000_000;
 
@@ -45,7 +45,7 @@ pub(crate) fn find(tree: &Dataset, part: &Part, request: &Request) -> Result<Fou
                 return Ok(false);
             }
             found.push(block);
-            // (Now and then those that are too many are dropped.)
+            // (Excess blocks are dropped from time to time.)
             if let Some(most) = largest.filter(|most| found.len() >= 2 * most + 1024) {
                 found.sort_by_cached_key(order);
                 found.truncate(most);

@@ -1,4 +1,4 @@
-//! Octrees: slices, surfaces, what is inside.
+//! Octrees: slices, surfaces, containment.
 
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -20,11 +20,11 @@ use crate::windows::{Detail, at_level, samples};
 #[derive(Deserialize)]
 pub(crate) struct Slice {
     axis: Axis,
-    /// The coordinate in the world.
+    /// World coordinate.
     at: Option<f64>,
-    /// Or the cell of the deepest level.
+    /// Alternatively, the cell of the deepest level.
     index: Option<u64>,
-    /// A style, if colours are wanted instead of samples.
+    /// A style, for colours instead of samples.
     style: Option<String>,
 }
 
@@ -36,7 +36,7 @@ pub(crate) enum Axis {
     Z,
 }
 
-/// A surface: of which level, and which of the two.
+/// A surface: its level, and whether it is smooth.
 #[derive(Deserialize)]
 pub(crate) struct MeshRequest {
     level: Option<u8>,
@@ -50,7 +50,8 @@ fn check_octree(tree: &Dataset) -> Result<()> {
     Err(Error::unsupported(tree.name(), "a quadtree, where an octree is asked for,", "ask for windows"))
 }
 
-/// A slice, whose columns and rows are the other two axes, in their order: its samples, or its colours if there is a style.
+/// Returns a slice, whose columns and rows are the other two axes, in their order: its samples, or
+/// its colours if there is a style.
 pub(crate) fn slice(opened: &Opened, (part, detail): (&Part, &Detail), slice: &Slice) -> Result<Found> {
     let tree = opened.cells()?;
     check_octree(tree)?;
@@ -73,7 +74,7 @@ pub(crate) fn slice(opened: &Opened, (part, detail): (&Part, &Detail), slice: &S
 /// Axes of a slice's columns and rows, by the axis that it is across.
 pub(crate) const IN_SLICE: [[usize; 2]; 3] = [[1, 2], [0, 2], [0, 1]];
 
-/// The cell along the axis that a slice is across.
+/// Returns the cell of a slice along its axis.
 fn cell_of(tree: &Dataset, slice: &Slice) -> Result<u64> {
     let axis = slice.axis as usize;
     let extent = tree.header().extent;
@@ -100,9 +101,9 @@ fn cell_of(tree: &Dataset, slice: &Slice) -> Result<u64> {
     Ok(cell)
 }
 
-/// Whether places are in the solid.
+/// Returns whether points are in the solid.
 pub(crate) fn contains(tree: &Dataset, level: Option<u8>, numbers: &[f64]) -> Result<Found> {
-    /// Occupancy from which on a cell is full.
+    /// Minimum occupancy of a full cell.
     const HALF: f64 = 128.0;
     check_octree(tree)?;
     let (cells, level) = cells_at(tree, (None, level), numbers)?;
@@ -114,7 +115,8 @@ pub(crate) fn contains(tree: &Dataset, level: Option<u8>, numbers: &[f64]) -> Re
     Ok(Value::from((0..cells.len()).map(is_in).collect::<Vec<bool>>()).into())
 }
 
-/// The surface of a level, as triangles: corners from an origin on, and three numbers of corners each.
+/// Returns the surface of a level as triangles: vertices relative to an origin, and three vertex
+/// numbers each.
 pub(crate) fn mesh(tree: &Dataset, part: &Part, request: &MeshRequest) -> Result<Found> {
     check_octree(tree)?;
     let depth = tree.depth();
@@ -134,7 +136,7 @@ pub(crate) fn mesh(tree: &Dataset, part: &Part, request: &MeshRequest) -> Result
             surface_mesh(tree, &wanted, &())?
         }
         Some(part) => {
-            // (Whole cells of the level, so that parts beside each other meet.)
+            // (Aligned to the level's cells, so that adjacent regions have no gaps.)
             let shift = depth - level;
             let cells = at_level(&part, shift);
             let min = cells.min.map(|cell| (cell << shift) as i64);

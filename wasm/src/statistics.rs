@@ -1,4 +1,4 @@
-//! Statistics of boxes, as the program prints them.
+//! Statistics of boxes, as printed by the program.
 
 use serde::Deserialize;
 use serde_json::json;
@@ -9,7 +9,7 @@ use spinney_report::{JsonNumbers, bins_as_json, bins_of, bins_with, statistics_a
 use crate::answer::Found;
 use crate::part::Part;
 
-/// How many bins the histogram has, and their range.
+/// Number of the histogram's bins, and their range.
 #[derive(Deserialize)]
 pub(crate) struct Request {
     bins: Option<u32>,
@@ -17,7 +17,7 @@ pub(crate) struct Request {
     high: Option<f64>,
 }
 
-/// Bins if nobody says how many, and at most.
+/// Default and maximum number of bins.
 const BINS: u32 = 16;
 const MAX_BINS: u32 = 1 << 16;
 

@@ -1,4 +1,4 @@
-//! Windows: the samples of a part at a level.
+//! Windows: the samples of a region at a level.
 
 use serde::Deserialize;
 use serde_json::json;
@@ -11,29 +11,29 @@ use crate::answer::Found;
 use crate::failure::too_large;
 use crate::part::Part;
 
-/// Bytes that a window may have.
+/// Maximum bytes of a window.
 const MAX_BYTES: u64 = 1 << 30;
 
-/// Which samples of a window are asked for.
+/// Selection of a window's samples.
 #[derive(Deserialize)]
 pub(crate) struct Window {
-    /// Channels that are wanted, from 0, in this order; all if none are named.
+    /// Selected channels, from 0, in this order; by default all.
     channels: Option<Vec<u8>>,
-    /// The number that VOID cells get.
+    /// The number for VOID cells.
     fill: Option<Number>,
 }
 
-/// A level, or the least size of an answer.
+/// A level, or the minimum size of a result.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct Detail {
     pub(crate) level: Option<u8>,
-    /// Cells along the longer axis, at least: the coarsest level with so many.
+    /// Minimum number of cells along the longer axis: the coarsest level that has as many.
     pub(crate) size: Option<f64>,
 }
 
 impl Detail {
-    /// The level that is meant, for a box of the deepest cells.
+    /// Returns the selected level, for a box of the deepest cells.
     pub(crate) fn level(&self, tree: &Dataset, bounds: &Bounds) -> Result<u8> {
         let depth = tree.depth();
         match (self.level, self.size) {
@@ -53,7 +53,7 @@ impl Detail {
     }
 }
 
-/// The cells of a level that a box of the deepest ones touches.
+/// Returns the cells of a level that a box of the deepest ones intersects.
 pub(crate) fn at_level(bounds: &Bounds, shift: u8) -> Bounds {
     Bounds {
         min: bounds.min.map(|cell| cell >> shift),
@@ -61,14 +61,14 @@ pub(crate) fn at_level(bounds: &Bounds, shift: u8) -> Bounds {
     }
 }
 
-/// The samples of a window.
+/// Returns the samples of a window.
 pub(crate) fn window(tree: &Dataset, (part, detail): (&Part, &Detail), window: &Window) -> Result<Found> {
     let bounds = part.one_box(tree)?;
     let level = detail.level(tree, &bounds)?;
     samples(tree, &bounds, level, window.channels.as_deref(), window.fill)
 }
 
-/// The samples of a box of the deepest cells at a level.
+/// Returns the samples of a box of the deepest cells at a level.
 pub(crate) fn samples(
     tree: &Dataset,
     bounds: &Bounds,
@@ -120,10 +120,10 @@ pub(crate) fn samples(
     Ok(Found { json, buffers: vec![bytes, mask] })
 }
 
-/// The values of a box of a level's cells, and whether each has one.
+/// Returns the values of a box of a level's cells, and whether each has one.
 ///
 /// # Errors
-/// If there are too many, or the file is damaged.
+/// If there are too many, or the file is corrupt.
 pub(crate) fn read(tree: &Dataset, level: u8, cells: &Bounds, fill: Number) -> Result<(Vec<u8>, Vec<bool>)> {
     let width = tree.header().form.width();
     let needed = cells.volume().saturating_mul(width as u64 + 1);
@@ -136,7 +136,7 @@ pub(crate) fn read(tree: &Dataset, level: u8, cells: &Bounds, fill: Number) -> R
     Ok((bytes, valid))
 }
 
-/// Some channels of values of so many bytes, with samples of so many.
+/// Selects channels of values of `width` bytes, with samples of `size` bytes.
 fn chosen(bytes: &[u8], width: usize, size: usize, channels: &[u8]) -> Vec<u8> {
     let mut found = Vec::with_capacity(bytes.len() / width.max(1) * size * channels.len());
     for value in bytes.chunks_exact(width) {

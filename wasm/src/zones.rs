@@ -1,4 +1,4 @@
-//! Statistics of polygons, as the program prints them.
+//! Statistics of polygons, as printed by the program.
 
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -13,23 +13,23 @@ use spinney_vector::import::zones::parse_polygons;
 use crate::answer::Found;
 use crate::files::Opened;
 
-/// Polygons, and what is asked of each.
+/// Polygons, and the requested statistics.
 #[derive(Deserialize)]
 pub(crate) struct Request {
-    /// GeoJSON, as text.
+    /// GeoJSON, as a string.
     zones: String,
-    /// Coordinates of the corners, where these are not what the text says.
+    /// Coordinate system of the vertices, if it is not that of the GeoJSON.
     crs: Option<String>,
     edge: Option<String>,
     #[serde(default)]
     measures: Vec<String>,
     #[serde(default)]
     quantiles: Vec<f64>,
-    /// Layers that are asked, by their names; the open one if none are named.
+    /// Requested layers by name, by default the open one.
     layers: Option<Vec<String>>,
 }
 
-/// Statistics of each polygon, of one layer or of several.
+/// Returns the statistics of each polygon, of one layer or of several.
 pub(crate) fn zonal(opened: &Opened, request: &Request) -> Result<Found> {
     let layer = parse_polygons(&request.zones)?;
     let own = opened.cells()?;

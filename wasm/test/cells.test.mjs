@@ -1,4 +1,4 @@
-// Headers, windows, points, statistics and searches of every file, against what the program tells.
+// Headers, windows, points, statistics and searches of every file, against the program's.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
@@ -12,7 +12,7 @@ const { cells } = files();
 const work = folder();
 const districts = join(root, "fixtures/island_districts.geojson");
 
-/** Each layer of each file, and how the program names it. */
+/** Visits each layer of each file, with the program's name for it. */
 async function eachLayer(visit) {
   for (const path of cells) {
     const first = await open(path);
@@ -43,7 +43,10 @@ test("headers tell what the program tells", async () => {
   });
 });
 
-/** The first of some numbers that the program writes for VOID, since no value of the layer equals it; `undefined` if there is none. */
+/**
+ * The first of several numbers that the program writes for VOID, since no value of the layer equals
+ * it; `undefined` if there is none.
+ */
 function freeNumber(header, path) {
   const candidates = [header.noData, 0, 255, 65535, -1, -32768].filter((number) => number != null);
   return candidates.find((number) => {
@@ -140,7 +143,7 @@ test("statistics of polygons are those of the program", async () => {
     const { crs, dimension } = dataset.header;
     if (crs?.epsg !== 32628 || dimension !== 2) return;
     count += 1;
-    // (Squares of integers of 64 bits are more than doubles hold.)
+    // (Squares of 64-bit integers do not fit into doubles.)
     const loose = ["u64", "i64"].includes(dataset.header.sampleType) ? ["standard_deviation"] : [];
     for (const edge of ["area", "centre", "touch"]) {
       const list = ["stats", "--json", path, "--zones", districts, "--edge", edge];

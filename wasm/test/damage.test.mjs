@@ -1,4 +1,4 @@
-// Files that are cut short, or in which bytes are others: an error or an answer, never the end of the module.
+// Truncated and corrupt files: an error or a result, but never the end of the module.
 
 import assert from "node:assert/strict";
 import { basename } from "node:path";
@@ -9,7 +9,7 @@ import { bytesOf, files, random } from "./helpers.mjs";
 
 const { cells, models } = files();
 
-/** Asks what can be asked; returns the errors. */
+/** Runs all queries; returns the errors. */
 async function askAll(bytes) {
   const errors = [];
   const tried = async (work) => {
@@ -53,7 +53,7 @@ for (const path of [...cells, ...models]) {
     for (let time = 0; time < 12; time += 1) {
       const cut = whole.subarray(0, Math.floor(next() * whole.length));
       const errors = await askAll(cut);
-      // (Of an Autumnal file the first commits may be whole.)
+      // (An Autumnal file may have complete first commits.)
       if (!path.endsWith(".autumn")) assert.ok(errors.length > 0, `cut to ${cut.length} bytes`);
       const flipped = whole.slice();
       for (let byte = 0; byte < 1 + (time % 3) * 20; byte += 1) flipped[Math.floor(next() * flipped.length)] ^= 1 << Math.floor(next() * 8);

@@ -1,4 +1,5 @@
-// What the tests have in common: the program, whose answers the module's are to be, and files of all kinds.
+// Common helpers: the program, with whose results the module's are compared, and files of all
+// kinds.
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
@@ -11,12 +12,12 @@ export const root = fileURLToPath(new URL("../..", import.meta.url));
 export const frozen = join(root, "fixtures/v1");
 const program = process.env.SPINNEY ?? join(root, "target/debug/spinney");
 
-/** Runs the program; returns what it prints. */
+/** Runs the program; returns its standard output. */
 export function spinney(...list) {
   return execFileSync(program, list.map(String), { encoding: "utf8", maxBuffer: 2 ** 28, stdio: ["ignore", "pipe", "pipe"] });
 }
 
-/** Lets the program serve a folder; returns where, and how to stop it. */
+/** Starts a server of the program for a directory; returns its URL, and how to stop it. */
 export async function serve(path) {
   const server = spawn(program, ["serve", path, "--port", "0"], { stdio: ["ignore", "pipe", "pipe"] });
   const url = await new Promise((resolve, reject) => {
@@ -33,7 +34,7 @@ export async function serve(path) {
   return { url, stop: () => server.kill() };
 }
 
-/** Runs the program; reads the JSON that it prints, with numbers beyond doubles as BigInts. */
+/** Runs the program; parses the JSON that it prints, with numbers beyond doubles as BigInts. */
 export function told(...list) {
   return read(spinney(...list));
 }
@@ -48,14 +49,17 @@ function read(text) {
   return JSON.parse(marked, (_, value) => (value?.$big === undefined ? value : BigInt(value.$big)));
 }
 
-/** A folder for a test file, which is gone afterwards. */
+/** A directory for a test file, which is removed afterwards. */
 export function folder() {
   const path = mkdtempSync(join(tmpdir(), "spinney-wasm-"));
   process.on("exit", () => rmSync(path, { recursive: true, force: true }));
   return path;
 }
 
-/** Files of all kinds: the frozen ones, those that are made of the fixtures, and all of them in other formats and packings. */
+/**
+ * Files of all kinds: the frozen ones, those made from the fixtures, and all of them in other
+ * formats and packings.
+ */
 export function files() {
   const made = process.env.SPINNEY_FILES ?? folder();
   if (!existsSync(join(made, "done"))) makeFiles(made);
@@ -83,12 +87,15 @@ function makeFiles(made) {
   execFileSync("touch", [at("done")]);
 }
 
-/** Whether two answers are the same: BigInts count as the numbers that they are. */
+/** Asserts that two results are equal; BigInts equal numbers. */
 export function same(found, expected, message) {
   assert.deepEqual(plain(found), plain(expected), message);
 }
 
-/** Whether two answers are the same but for the last digits of what was added up in another order; `loose` are members that may differ more. */
+/**
+ * Asserts that two results are equal except for the last digits of sums in another order; `loose`
+ * are members that may differ more.
+ */
 export function near(found, expected, message, loose = []) {
   const [a, b] = [plain(found), plain(expected)];
   const compare = (a, b, path) => {
@@ -114,7 +121,7 @@ function plain(value) {
   return value;
 }
 
-/** Pseudo-random numbers from 0 to 1, the same every time. */
+/** Pseudo-random numbers from 0 to 1, with a fixed seed. */
 export function random(seed = 1) {
   let state = seed;
   return () => {
@@ -126,5 +133,5 @@ export function random(seed = 1) {
 /** The bytes of a file. */
 export const bytesOf = (path) => new Uint8Array(readFileSync(path));
 
-/** Layers of a file, as the program names them. */
+/** Layers of a file, by the program's names. */
 export const layersOf = (header) => header.layers.map((layer) => layer.name);

@@ -1,4 +1,4 @@
-// Commits, their differences, and files that get new ones.
+// Commits, their differences, and files to which new ones are appended.
 
 import assert from "node:assert/strict";
 import { copyFileSync } from "node:fs";

@@ -12,7 +12,7 @@ test("a panic is an error of its call alone", async () => {
   const [first, second] = [await open(path), await open(join(frozen, "history.autumn"))];
   const expected = [await first.stats(), await second.stats()];
   for (let time = 0; time < 3; time += 1) {
-    // (One that is waited for meanwhile is asked again.)
+    // (A pending query is repeated.)
     const meanwhile = second.window();
     await assert.rejects(first.ask("panic"), (error) => {
       assert.ok(error instanceof PanicError);

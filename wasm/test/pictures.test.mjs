@@ -1,4 +1,4 @@
-// Pictures, tiles and legends, against the program's.
+// Images, tiles and legends, against the program's.
 
 import assert from "node:assert/strict";
 import { basename, join } from "node:path";
@@ -23,7 +23,7 @@ for (const path of cells) {
         for (const cells of [undefined, [Math.floor(half[0] / 2), 0, half[0] + 1, half[1]]]) {
           const png = join(work, "picture.png");
           const window = cells && [cells[0], cells[1], cells[2] - cells[0], cells[3] - cells[1]].join(",");
-          // (Without a style the program writes the values themselves, where these fit.)
+          // (Without a style the program writes the values themselves, if these fit.)
           const name = style ?? (header.sampleType === "u8" ? undefined : "default");
           if (name === undefined) continue;
           spinney("get", "-q", path, png, "--level", level, "--style", name, ...(window ? ["--window", window] : []));
@@ -58,7 +58,7 @@ test("tiles are those that the server sends", async (t) => {
           const address = `${server.url}tiles/${name}/${z}/${x}/${y}.png${style ? `?style=${style}` : ""}`;
           const response = await fetch(address);
           assert.equal(response.ok, true, address);
-          // (Nothing is there where there is no content.)
+          // (Tiles without content do not exist.)
           if (response.status === 204) {
             assert.equal(tile, null, address);
             continue;

@@ -1,10 +1,13 @@
-// Pictures that the program writes.
+// Reader of the program's PNG images.
 
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { inflateSync } from "node:zlib";
 
-/** Red, green, blue and opacity of a PNG, of a path or as bytes, of eight bits a sample (and of palettes of one to eight), without interlacing. */
+/**
+ * Red, green, blue and opacity of a PNG, from a path or bytes, with eight bits per sample (one to
+ * eight with palettes), without interlacing.
+ */
 export function readPng(source) {
   const file = typeof source === "string" ? readFileSync(source) : Buffer.from(source);
   let [at, width, height, bits, kind] = [8];
@@ -54,7 +57,7 @@ export function readPng(source) {
   return { width, height, rgba };
 }
 
-/** Whether pictures are alike: what nobody sees does not count. */
+/** Asserts that images are visually equal: transparent pixels do not count. */
 export function alike(found, expected, message) {
   assert.deepEqual([found.width, found.height], [expected.width, expected.height], message);
   for (let at = 0; at < expected.rgba.length; at += 4) {

@@ -1,4 +1,5 @@
-// Files on servers of all kinds: with ranges and without, that compress, change files, fail, or are slow.
+// Files on servers of all kinds: with and without ranges, servers that compress, change files,
+// fail, or are slow.
 
 import assert from "node:assert/strict";
 import { createServer } from "node:http";
@@ -12,7 +13,7 @@ import { bytesOf, files, frozen, same } from "./helpers.mjs";
 const servers = [];
 after(() => servers.forEach((server) => { server.close(); server.closeAllConnections(); }));
 
-/** A server of some bytes. `how` says how it behaves. */
+/** A server of a file's bytes. `how` is its behaviour. */
 async function serve(bytes, how = {}) {
   const state = { bytes, etag: '"1"', requests: [], ...how };
   const server = createServer(async (request, response) => {
@@ -127,7 +128,8 @@ test("a file that changes in between is an error that says so, and refresh opens
     const { url, state } = await serve(map, { answer: undefined });
     const found = await open(url, { cacheBytes: 2 ** 20 });
     change(state);
-    // (The small file is all there since it was opened: its records are asked for anew by another dataset.)
+    // (The small file was fetched completely when it was opened: another dataset requests its
+    // records again.)
     const { url: slow, state: later } = await serve(map);
     const other = await open(slow);
     assert.equal(await other.refresh(), false);

@@ -12,7 +12,7 @@ import { alike, readPng } from "./png.mjs";
 const { cells, models } = files();
 const work = folder();
 
-/** Corners and triangles of an OBJ. */
+/** Vertices and triangles of an OBJ. */
 function readObj(path) {
   const lines = readFileSync(path, "utf8").split("\n");
   const numbers = (letter) => lines.filter((line) => line.startsWith(`${letter} `)).map((line) => line.slice(2).trim().split(/\s+/).map((word) => Number(word.split("/")[0])));
@@ -66,7 +66,7 @@ for (const path of cells) {
         assert.ok(Math.abs(volumes[0] - volumes[1]) <= 1e-5 * Math.abs(volumes[1]), `${volumes}`);
       }
     }
-    // Parts have the volume of all together.
+    // The volumes of regions add up to the whole.
     const half = Math.floor(header.size[0] / 2);
     const [width, height, depth] = header.size;
     const volume = async (cells) => {
@@ -120,7 +120,7 @@ for (const path of models) {
     assert.ok(objects.every((object) => object < names.length || names.length === 0));
     const at = (corner) => [0, 1, 2].map((axis) => positions[3 * corner + axis]);
     const volume = volumeOf(at, Array.from({ length: triangles }, (_, number) => [3 * number, 3 * number + 1, 3 * number + 2]));
-    // (For faces with corners beside the grid stand others.)
+    // (Proxies replace faces with off-grid vertices.)
     const most = info.exact_faces > 0 ? 1e-2 : 1e-5;
     assert.ok(Math.abs(volume - expected.volume) <= most * expected.volume, `${volume}, ${expected.volume}; ${origin}`);
     await assert.rejects(model.ask("window", {}), { code: "unsupported", message: /exact model/ });

@@ -1,4 +1,4 @@
-// Engines without what the module needs: an error that says so.
+// Engines without features that the module needs: an error that says so.
 
 import assert from "node:assert/strict";
 import { join } from "node:path";

@@ -1,4 +1,4 @@
-// Datasets in a worker answer what those in this thread answer.
+// Datasets in a worker return the same results as those in this thread.
 
 import assert from "node:assert/strict";
 import { join } from "node:path";

@@ -1,8 +1,8 @@
-//! The part of an edge in a block.
+//! Clipping of an edge to a block.
 
 use super::edge_tree::Edge;
 
-/// A share of the way along an edge: a fraction with a denominator above 0.
+/// Position along an edge: a fraction with a positive denominator.
 #[derive(Clone, Copy)]
 struct Share {
     above: i64,
@@ -10,20 +10,22 @@ struct Share {
 }
 
 impl Share {
-    /// Above 0 if it is greater than another one. (Numbers have fewer than 31 bits, so that products have fewer than 62.)
+    /// Compares two fractions. (Numbers have fewer than 31 bits, so that products have fewer than
+    /// 62.)
     fn compare(self, other: Share) -> std::cmp::Ordering {
         (self.above * other.below).cmp(&(other.above * self.below))
     }
 }
 
-/// An end of the part: how far along, and whether the part has it.
+/// End of the clipped edge: its position, and whether it is included.
 #[derive(Clone, Copy)]
 struct End {
     share: Share,
     has: bool,
 }
 
-/// Whether an edge has a place in a box with a least and a greatest corner; the greatest sides belong to it if that is said, the least ones always do.
+/// Returns whether an edge has a point in a box, given by its minimum and maximum. The minimum
+/// sides belong to the box, the maximum ones only if requested.
 pub(super) fn passes<const N: usize>(
     [a, b]: Edge<N>,
     (low, high): ([i64; N], [i64; N]),

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use super::edge_tree::Edge;
 
-/// The square of a distance: a whole number and a fraction below 1.
+/// Square of a distance: an integer and a fraction below 1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Square {
     whole: u128,
@@ -36,7 +36,7 @@ impl Ord for Square {
     }
 }
 
-/// The square of a place's distance from an edge.
+/// Returns the square of a point's distance from an edge.
 pub(super) fn of_edge<const N: usize>([a, b]: Edge<N>, place: [i32; N]) -> Square {
     let difference = |p: [i32; N], q: [i32; N]| -> [i128; N] {
         std::array::from_fn(|axis| i128::from(q[axis]) - i128::from(p[axis]))
@@ -55,7 +55,7 @@ pub(super) fn of_edge<const N: usize>([a, b]: Edge<N>, place: [i32; N]) -> Squar
     Square { whole: above / below, above: above % below, below }
 }
 
-/// The square of a place's distance from the places of a box, the greatest ones included.
+/// Returns the square of a point's distance from a box, its maximum sides included.
 pub(super) fn of_box<const N: usize>((low, high): ([i64; N], [i64; N]), place: [i32; N]) -> Square {
     let along = |axis: usize| {
         let at = i64::from(place[axis]);

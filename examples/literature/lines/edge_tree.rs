@@ -9,24 +9,25 @@ use super::rule::PmRule;
 /// Two vertices.
 pub(super) type Edge<const N: usize> = [[i32; N]; 2];
 
-/// A quadtree (`N` is 2) or an octree (3) of edges between vertices of whole numbers from 0 to 2^depth, that excluded.
+/// Quadtree (`N` is 2) or octree (3) of edges between integer vertices from 0 to 2^depth,
+/// exclusive.
 #[derive(Clone, Debug)]
 pub(crate) struct EdgeTree<const N: usize> {
     rule: PmRule,
     depth: u8,
     root: Node<N>,
-    /// All edges, each with its lesser vertex first.
+    /// All edges, each with its smaller vertex first.
     edges: BTreeSet<Edge<N>>,
 }
 
-/// A leaf that has edges.
+/// Leaf with edges.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct EdgeLeaf<const N: usize> {
-    /// Its least corner.
+    /// Minimum corner.
     pub corner: [i32; N],
-    /// Its side.
+    /// Length of a side.
     pub side: i32,
-    /// The edges that pass through it, in order, each with its lesser vertex first.
+    /// Edges that intersect the leaf, in order, each with its smaller vertex first.
     pub edges: Vec<[[i32; N]; 2]>,
 }
 
@@ -36,11 +37,11 @@ enum Node<const N: usize> {
     Inner(Vec<Node<N>>),
 }
 
-/// A block of the space.
+/// Block of the space.
 #[derive(Clone, Copy)]
 struct Block<const N: usize> {
     corner: [i32; N],
-    /// Its side is 2^levels.
+    /// The side is 2^levels.
     levels: u8,
 }
 
@@ -65,7 +66,7 @@ impl<const N: usize> Block<N> {
     }
 }
 
-/// The edge with its lesser vertex first.
+/// Returns the edge with its smaller vertex first.
 fn ordered<const N: usize>([a, b]: Edge<N>) -> Edge<N> {
     if a <= b { [a, b] } else { [b, a] }
 }
@@ -73,7 +74,8 @@ fn ordered<const N: usize>([a, b]: Edge<N>) -> Edge<N> {
 impl<const N: usize> EdgeTree<N> {
     const AXES: () = assert!(N == 2 || N == 3);
 
-    /// A tree without edges; its smallest blocks have one place, and take whatever edges they have.
+    /// Creates a tree without edges. Its smallest blocks have a single point, and any number of
+    /// edges.
     ///
     /// # Panics
     /// If the depth is above 29.
@@ -83,7 +85,8 @@ impl<const N: usize> EdgeTree<N> {
         EdgeTree { rule, depth, root: Node::Leaf(Vec::new()), edges: BTreeSet::new() }
     }
 
-    /// The tree of many edges, made from the root down: a block's edges are clipped to each of its parts. It is the one that inserting them makes. Those beyond its space are left out.
+    /// Builds the tree of many edges from the root down, clipping a block's edges to each of its
+    /// children. The result is the same as by insertion. Edges outside of the space are ignored.
     ///
     /// # Panics
     /// If the depth is above 29.
@@ -100,7 +103,8 @@ impl<const N: usize> EdgeTree<N> {
         Block { corner: [0; N], levels: self.depth }
     }
 
-    /// Inserts an edge, which may be a vertex alone; `false` if it is there, in either direction, or is not in the tree's space.
+    /// Inserts an edge, which may be a single vertex. Returns `false` if it exists already, in
+    /// either direction, or is outside of the tree's space.
     pub(crate) fn insert(&mut self, edge: [[i32; N]; 2]) -> bool {
         let (edge, block) = (ordered(edge), self.block());
         if !edge.iter().all(|vertex| block.has(*vertex)) || !self.edges.insert(edge) {
@@ -110,7 +114,8 @@ impl<const N: usize> EdgeTree<N> {
         true
     }
 
-    /// Removes an edge; `false` if it is not there. Blocks that need no division any more are merged.
+    /// Removes an edge; returns `false` if it does not exist. Blocks that need no division any more
+    /// are merged.
     pub(crate) fn remove(&mut self, edge: [[i32; N]; 2]) -> bool {
         let edge = ordered(edge);
         let is_there = self.edges.remove(&edge);
@@ -120,17 +125,17 @@ impl<const N: usize> EdgeTree<N> {
         is_there
     }
 
-    /// Number of edges.
+    /// Returns the number of edges.
     pub(crate) fn len(&self) -> usize {
         self.edges.len()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no edges.
     pub(crate) fn is_empty(&self) -> bool {
         self.edges.is_empty()
     }
 
-    /// The edges that pass through a box, its border included, in order.
+    /// Returns the edges that intersect a box, its border included, in order.
     pub(crate) fn window(&self, least: [i32; N], most: [i32; N]) -> Vec<[[i32; N]; 2]> {
         let window = (least.map(i64::from), most.map(i64::from));
         if (0..N).any(|axis| least[axis] > most[axis]) {
@@ -155,14 +160,15 @@ impl<const N: usize> EdgeTree<N> {
         found.into_iter().collect()
     }
 
-    /// The edge nearest to a place of the tree's space, and its distance: of those that are equally far, the first in order. Distances are compared exactly.
+    /// Returns the edge nearest to a point of the tree's space, and its distance; of several the
+    /// first in order. Distances are compared exactly.
     ///
     /// # Panics
-    /// If a coordinate is below 0, or 2^29 or more.
+    /// If a coordinate is negative, or 2^29 or more.
     pub(crate) fn nearest(&self, place: [i32; N]) -> Option<([[i32; N]; 2], f64)> {
         assert!(place.iter().all(|number| (0..1 << 29).contains(number)));
         let mut best: Option<(Square, Edge<N>)> = None;
-        // Blocks, the nearest first, by where they stand in the list.
+        // Blocks by index into the list, nearest first.
         let mut blocks = vec![(&self.root, self.block())];
         let mut open = BinaryHeap::from([std::cmp::Reverse((of_box(self.block().sides(), place), 0))]);
         while let Some(std::cmp::Reverse((square, number))) = open.pop() {
@@ -187,7 +193,7 @@ impl<const N: usize> EdgeTree<N> {
         best.map(|(square, edge)| (edge, square.to_f64().sqrt()))
     }
 
-    /// The leaves that have edges, in Z order.
+    /// Returns the leaves that have edges, in Z order.
     pub(crate) fn leaves(&self) -> Vec<EdgeLeaf<N>> {
         let mut leaves = Vec::new();
         let mut open = vec![(&self.root, self.block())];
@@ -209,7 +215,7 @@ impl<const N: usize> EdgeTree<N> {
         leaves
     }
 
-    /// Number of leaves, and of nodes above them.
+    /// Returns the number of leaves, and of inner nodes.
     pub(crate) fn counts(&self) -> (usize, usize) {
         let (mut leaves, mut inner) = (0, 0);
         let mut open = vec![&self.root];
@@ -225,7 +231,8 @@ impl<const N: usize> EdgeTree<N> {
         (leaves, inner)
     }
 
-    /// The tree as a DF-expression: `G` for a node that is divided, `B` for a leaf with edges, `W` for one without.
+    /// Returns the tree as a DF-expression: `G` for a node that is divided, `B` for a leaf with
+    /// edges, `W` for one without.
     pub(crate) fn to_df_expression(&self) -> String {
         let mut text = String::new();
         let mut open = vec![&self.root];
@@ -242,7 +249,7 @@ impl<const N: usize> EdgeTree<N> {
     }
 }
 
-// (Blocks go no deeper than 29 levels, so that recursion is bounded.)
+// (Blocks are at most 29 levels deep, so that recursion is bounded.)
 impl<const N: usize> Node<N> {
     fn of(edges: Vec<Edge<N>>, block: Block<N>, rule: PmRule) -> Node<N> {
         if block.levels == 0 || rule.holds(&edges, |vertex| block.has(vertex)) {
@@ -284,7 +291,7 @@ impl<const N: usize> Node<N> {
                 for (number, child) in children.iter_mut().enumerate() {
                     child.remove(edge, block.child(number), rule);
                 }
-                // (Where a child is divided, no rule that does not hold for its edges holds for more.)
+                // (If a child is divided, its edges break the rule, and so does every superset.)
                 let mut all = BTreeSet::new();
                 for child in children.iter() {
                     let Node::Leaf(edges) = child else { return };

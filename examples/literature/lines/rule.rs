@@ -1,24 +1,27 @@
-//! When a block is divided.
+//! Conditions for the division of a block.
 
 use super::edge_tree::Edge;
 
-/// Rule for the edges that a leaf may have, if it can be divided.
+/// Rule for the edges of a leaf that could be divided.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PmRule {
-    /// One vertex with its edges, or a part of one edge: the PM1 quadtree, and the octree of edges.
+    /// One vertex with its edges, or a section of one edge: the PM1 quadtree, and the octree of
+    /// edges.
     Pm1,
-    /// One vertex with its edges, or parts of edges that all have one vertex, which is elsewhere.
+    /// One vertex with its edges, or sections of edges that share one vertex outside of the leaf.
     Pm2,
-    /// One vertex at most, and parts of any edges.
+    /// At most one vertex, and sections of any edges.
     Pm3,
-    /// So many edges at most; or any number of a vertex that is in the leaf, which no division would part.
+    /// At most this many edges; or any number of edges of a single vertex in the leaf, which no
+    /// division would separate.
     Bucket(usize),
-    /// None: leaves that have any are pixels.
+    /// None: leaves with edges are pixels.
     Pixels,
 }
 
 impl PmRule {
-    /// Whether a leaf may have these edges, all of which pass through it; `is_inside` tells which vertices it has.
+    /// Returns whether a leaf may have these edges, all of which intersect it; `is_inside` tests
+    /// whether a vertex is in the leaf.
     pub(super) fn holds<const N: usize>(
         self,
         edges: &[Edge<N>],

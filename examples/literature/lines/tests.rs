@@ -1,4 +1,4 @@
-//! Trees of edges against all edges.
+//! Trees of edges, compared with brute force over all edges.
 
 use std::collections::BTreeSet;
 
@@ -6,7 +6,7 @@ use super::clip::passes;
 use super::edge_tree::Edge;
 use super::{EdgeLeaf, EdgeTree, PmRule};
 
-/// Random numbers below a limit, with a fixed seed.
+/// Returns random numbers below a limit, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
@@ -19,7 +19,8 @@ fn random(seed: u64) -> impl FnMut(u64) -> u64 {
 const RULES: [PmRule; 6] =
     [PmRule::Pm1, PmRule::Pm2, PmRule::Pm3, PmRule::Bucket(1), PmRule::Bucket(4), PmRule::Pixels];
 
-/// Edges of all kinds: long, short, of one vertex, along dividing lines, on each other, many at one vertex.
+/// Returns edges of all kinds: long, short, single vertices, along dividing lines, overlapping,
+/// many at one vertex.
 fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
     let mut random = random(seed);
     let side = 1u64 << depth;
@@ -53,7 +54,8 @@ fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
         .collect()
 }
 
-/// Whether an edge has a place in a half-open or closed box, by looking at all shares of the way at which it can come in or go out, and those between.
+/// Returns whether an edge has a point in a half-open or closed box, by testing all positions where
+/// it can enter or leave, and those in between.
 fn passes_slowly<const N: usize>(
     [a, b]: Edge<N>,
     (low, high): ([i64; N], [i64; N]),
@@ -93,7 +95,7 @@ fn edges_pass_through_blocks_that_have_a_place_of_theirs() {
     assert!(!passes([[0, 1], [most, most]], ([0, 0], [1, 1]), false));
 }
 
-/// The leaves by the letter of the rules: a block is divided if one of them is broken.
+/// Returns the leaves by the definition of the rules: a block is divided if one of them is broken.
 fn leaves_slowly<const N: usize>(
     edges: &[Edge<N>],
     rule: PmRule,
@@ -157,7 +159,7 @@ fn check_trees<const N: usize>(depth: u8, counts: &[usize]) {
             let (leaves, inner) = tree.counts();
             assert_eq!(leaves, inner * ((1 << N) - 1) + 1);
             check_questions(&tree, &set, depth);
-            // What is left after some are removed is the tree of the others.
+            // Removing some edges leaves the tree of the others.
             let (gone, stay) = set.split_at(set.len() / 2);
             assert!(gone.iter().all(|[a, b]| tree.remove([*b, *a]) && !tree.remove([*a, *b])));
             let rest = EdgeTree::of(rule, depth, stay.iter().copied());
@@ -204,7 +206,7 @@ fn edges_beyond_the_space_are_refused() {
 
 #[test]
 fn distances_are_compared_exactly() {
-    // Two edges whose distances from a place differ in the 20th digit.
+    // Two edges whose distances from a point differ in the 20th digit.
     let far = (1 << 29) - 1;
     let mut tree = EdgeTree::new(PmRule::Bucket(8), 29);
     assert!(tree.insert([[0, 1], [far, far]]) && tree.insert([[0, 0], [far, far - 1]]));

@@ -1,13 +1,13 @@
-//! The halving tree: blocks are halved along each axis until each has at most one place with points.
+//! The halving tree: blocks are halved along each axis until each has at most one distinct point.
 
-/// A quadtree or octree that halves its space (a PR tree): whatever the order of insertion, the same points make the same tree, and its blocks are those of any other tree
-/// over the same space.
+/// Quadtree or octree that halves its space (a PR tree): the same points make the same tree,
+/// whatever the order of insertion, and its blocks are those of any other tree over the same space.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct HalvingTree {
     corner: [f64; 3],
     side: f64,
     axes: usize,
-    /// Levels below the root, at most.
+    /// Maximum number of levels below the root.
     most: usize,
     root: Block,
     len: u64,
@@ -15,13 +15,15 @@ pub(crate) struct HalvingTree {
 
 #[derive(Clone, Debug, PartialEq)]
 enum Block {
-    /// Points of one place, or of a block that is not divided further, sorted.
+    /// Equal points, or the points of a block that is not divided further, sorted.
     Leaf(Vec<[f64; 3]>),
     Inner(Vec<Block>),
 }
 
 impl HalvingTree {
-    /// A tree without points over a square or a cube, with a least corner and a side; of `axes` 2 or 3, and at most so many levels, which bound how small blocks become.
+    /// Creates a tree without points over a square or a cube, given by its minimum corner and its
+    /// side. It has 2 or 3 `axes`; `levels` limits the depth, and so the size of the smallest
+    /// blocks.
     ///
     /// # Panics
     /// If there are neither 2 nor 3 axes, or more than 60 levels.
@@ -30,7 +32,7 @@ impl HalvingTree {
         HalvingTree { corner, side, axes, most: levels, root: Block::Leaf(Vec::new()), len: 0 }
     }
 
-    /// Inserts a point; `false` if it lies outside.
+    /// Inserts a point; returns `false` if it is outside.
     pub(crate) fn insert(&mut self, point: [f64; 3]) -> bool {
         let is_inside =
             |axis: usize| self.corner[axis] <= point[axis] && point[axis] < self.corner[axis] + self.side;
@@ -43,17 +45,17 @@ impl HalvingTree {
         true
     }
 
-    /// Number of points, the equal ones counted.
+    /// Returns the number of points, including equal ones.
     pub(crate) fn len(&self) -> u64 {
         self.len
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub(crate) fn is_empty(&self) -> bool {
         self.len == 0
     }
 
-    /// The points in a box, its border included, in Z order.
+    /// Returns the points in a box, its border included, in Z order.
     pub(crate) fn window(&self, least: [f64; 3], most: [f64; 3]) -> Vec<[f64; 3]> {
         let mut found = Vec::new();
         let space = Space { corner: self.corner, side: self.side, axes: self.axes };
@@ -61,18 +63,18 @@ impl HalvingTree {
         found
     }
 
-    /// Levels below the root.
+    /// Returns the number of levels below the root.
     pub(crate) fn depth(&self) -> usize {
         self.root.depth()
     }
 
-    /// Number of leaves and of inner nodes.
+    /// Returns the number of leaves and of inner nodes.
     pub(crate) fn counts(&self) -> (usize, usize) {
         self.root.counts()
     }
 }
 
-/// The space of a block.
+/// Space of a block.
 #[derive(Clone, Copy)]
 struct Space {
     corner: [f64; 3],
@@ -96,7 +98,7 @@ impl Space {
     }
 }
 
-// (Blocks go no deeper than 60 levels, so that recursion is bounded.)
+// (Blocks are at most 60 levels deep, so that recursion is bounded.)
 impl Block {
     fn insert(&mut self, point: [f64; 3], space: Space, levels: usize) {
         match self {

@@ -1,8 +1,10 @@
-//! Trees of points in memory, as the literature describes them: the point quadtree (Finkel and Bentley 1974), whose lines go through its points, and
-//! the ones that halve.
+//! In-memory point trees from the literature: the point quadtree (Finkel and Bentley 1974), which
+//! divides at its points, and the halving trees.
 //!
-//! Slavík's survey says of the point quadtree that it has the same properties as an ordinary quadtree. It has not: its blocks are of any size, so that trees of other points do
-//! not lie on each other, it depends on the order in which the points came, and what is equal below cannot be merged. The halving tree has these properties.
+//! Slavík's survey says that the point quadtree has the same properties as an ordinary quadtree. It
+//! has not: its blocks are of any size, so that trees of other points have other blocks; it depends
+//! on the order of insertion; and equal subtrees cannot be merged. The halving tree has these
+//! properties.
 
 mod halving;
 mod point_quadtree;

@@ -1,6 +1,6 @@
-//! The point quadtree: lines that divide a block go through one of its points.
+//! The point quadtree: a block is divided at one of its points.
 
-/// A quadtree whose dividing lines go through its points, in the order in which these are inserted.
+/// Quadtree divided at its points, in the order of their insertion.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct PointQuadtree {
     nodes: Vec<Node>,
@@ -9,20 +9,23 @@ pub(crate) struct PointQuadtree {
 #[derive(Clone, Debug)]
 struct Node {
     point: [f64; 2],
-    /// How often it was inserted.
+    /// Number of insertions.
     count: u64,
-    /// Numbers of the nodes NW, NE, SW and SE of it; 0 where there is none. (No node is above the first one.)
+    /// Indices of the children NW, NE, SW and SE; 0 if there is none. (The root is no node's
+    /// child.)
     children: [u32; 4],
 }
 
-/// The quadrant of a point around another one: what lies on a line is east, or south.
+/// Returns the quadrant of a point relative to another one: points on a dividing line are east, or
+/// south.
 fn quadrant(around: [f64; 2], point: [f64; 2]) -> usize {
     usize::from(point[0] >= around[0]) | usize::from(point[1] < around[1]) << 1
 }
 
 impl PointQuadtree {
-    /// Inserts a point, whose coordinates must be numbers. Takes as many steps as the tree is deep there: about log4 of the number of points if these come in no order,
-    /// up to that number if they come in order.
+    /// Inserts a point, whose coordinates must be numbers. The cost is the depth there: about log4
+    /// of the number of points if these are inserted in random order, up to their number if in
+    /// sorted order.
     pub(crate) fn insert(&mut self, point: [f64; 2]) {
         let new = Node { point, count: 1, children: [0; 4] };
         if self.nodes.is_empty() {
@@ -45,17 +48,17 @@ impl PointQuadtree {
         }
     }
 
-    /// Number of points, the equal ones counted.
+    /// Returns the number of points, including equal ones.
     pub(crate) fn len(&self) -> u64 {
         self.nodes.iter().map(|node| node.count).sum()
     }
 
-    /// Whether there are none.
+    /// Returns whether there are no points.
     pub(crate) fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
 
-    /// How often a point was inserted.
+    /// Returns how often a point was inserted.
     pub(crate) fn count(&self, point: [f64; 2]) -> u64 {
         let mut at = (!self.nodes.is_empty()).then_some(0);
         while let Some(node) = at.map(|at: usize| &self.nodes[at]) {
@@ -67,7 +70,8 @@ impl PointQuadtree {
         0
     }
 
-    /// The points in a window, its border included, in the order of insertion; equal ones as often as they came.
+    /// Returns the points in a window, its border included, in the order of insertion; equal ones
+    /// repeatedly.
     pub(crate) fn window(&self, least: [f64; 2], most: [f64; 2]) -> Vec<[f64; 2]> {
         let mut found = Vec::new();
         let mut open: Vec<usize> = (!self.nodes.is_empty()).then_some(0).into_iter().collect();
@@ -91,7 +95,7 @@ impl PointQuadtree {
             .collect()
     }
 
-    /// The number of nodes on the longest way down.
+    /// Returns the number of nodes on the longest path.
     pub(crate) fn depth(&self) -> usize {
         let mut deepest = 0;
         let mut open: Vec<(usize, usize)> = (!self.nodes.is_empty()).then_some((0, 1)).into_iter().collect();

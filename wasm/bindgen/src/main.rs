@@ -1,6 +1,6 @@
-//! Writes the JavaScript around a module, and the module as that needs it:
+//! Generates a module's JavaScript bindings, and the module adapted to them:
 //!
-//!     spinney-bindgen MODULE.wasm FOLDER
+//!     spinney-bindgen MODULE.wasm DIRECTORY
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,7 +19,7 @@ fn main() -> ExitCode {
         .typescript(false)
         .remove_name_section(true)
         .remove_producers_section(true)
-        // (After a panic there is a new instance.)
+        // (A panic is followed by a new instance.)
         .reset_state_function(true)
         .web(true)
         .and_then(|bindgen| bindgen.generate(folder));

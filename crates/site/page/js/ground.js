@@ -1,6 +1,9 @@
-// The ground under a map: coastlines and a graticule, which come with the page.
+// The background of a map: coastlines and a graticule, which are included in the page.
 
-/** Coastlines as lines of degrees: texts of steps, in hundredths of a degree, from point to point. */
+/**
+ * Coastlines as lines in degrees, from strings of point-to-point differences in hundredths of a
+ * degree.
+ */
 function coastlines(text) {
   return text.trim().split("\n").map((line) => {
     let [x, y] = [0, 0];
@@ -15,10 +18,10 @@ function coastlines(text) {
   });
 }
 
-/** Distances of meridians and parallels, in degrees. */
+/** Intervals of meridians and parallels, in degrees. */
 const STEPS = [30, 10, 5, 2, 1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
 
-/** Meridians and parallels in a part of the world that is so many degrees wide. */
+/** Meridians and parallels in a box, at an interval that suits its width. */
 function graticule([west, south, east, north]) {
   const step = STEPS.find((step) => (east - west) / step >= 4) ?? STEPS.at(-1);
   const between = (low, high) => Array.from({ length: Math.max(Math.floor(high / step) - Math.ceil(low / step) + 1, 0) }, (_, at) => (Math.ceil(low / step) + at) * step);
@@ -28,7 +31,10 @@ function graticule([west, south, east, north]) {
 
 const lines = (coordinates) => ({ type: "Feature", properties: {}, geometry: { type: "MultiLineString", coordinates } });
 
-/** Sources and layers of the ground, for the style of a MapLibre map; colours are those of the page. */
+/**
+ * Sources and layers of the background, for the style of a MapLibre map; colours are those of the
+ * page.
+ */
 export async function ground(assetUrl) {
   const text = await (await fetch(assetUrl("vendor/coastlines.txt"))).text();
   return {
@@ -43,13 +49,13 @@ export async function ground(assetUrl) {
   };
 }
 
-/** Draws meridians and parallels of what a map shows. */
+/** Draws the meridians and parallels of the map's visible area. */
 export function showGraticule(map) {
   const bounds = map.getBounds();
   map.getSource("graticule")?.setData(lines(graticule([bounds.getWest(), bounds.getSouth(), bounds.getEast(), bounds.getNorth()])));
 }
 
-/** A colour of the page as it is now, light or dark. */
+/** A colour of the page in the current theme, light or dark. */
 export function colour(name) {
   const probe = document.createElement("span");
   probe.style.color = `var(${name})`;

@@ -1,16 +1,16 @@
-// The controls beside the view: fields, buttons, tables, and messages.
+// The controls next to the view: fields, buttons, tables, and messages.
 
 import { messageOf, withoutForeign } from "./messages.js";
 
 export const element = (id) => document.getElementById(id);
 
-/** Removes what the panel says of a position, a section or a polygon. */
+/** Removes the panel's result of a position, a section or a polygon. */
 export function clearResult() {
   element("answer").hidden = true;
   element("answer").replaceChildren();
 }
 
-/** Adds a control with a name to the panel. */
+/** Adds a labelled control to the panel. */
 export function field(name, control) {
   const label = document.createElement("label");
   label.className = "field";
@@ -20,8 +20,9 @@ export function field(name, control) {
 }
 
 /**
- * A list from which one item is chosen: pairs of values and strings, with a third element `true` for one that cannot be. If `onChange` returns
- * (a promise of) `false`, the item that was chosen before is chosen again.
+ * A list with one selected item. `items` are pairs of values and strings; a third element `true`
+ * disables an item. If `onChange` returns (a promise of) `false`, the previous item is selected
+ * again.
  */
 export function choice(items, chosen, onChange) {
   const select = document.createElement("select");
@@ -62,7 +63,7 @@ export function slider(min, max, value, step, onInput) {
   return made;
 }
 
-/** Fills a part of the panel under a heading, which is returned. */
+/** Fills a section of the panel, below a heading, which is returned. */
 export function fill(id, heading, ...content) {
   const part = element(id);
   const made = Object.assign(document.createElement("h2"), { textContent: heading });
@@ -71,7 +72,7 @@ export function fill(id, heading, ...content) {
   return made;
 }
 
-/** A table: names of columns, and rows of texts. */
+/** A table with column names and rows of strings. */
 export function table(columns, rows) {
   const made = document.createElement("table");
   const line = (parent, cells, kind) => {
@@ -92,7 +93,7 @@ export function paragraph(text, className = "") {
   return Object.assign(document.createElement("p"), { textContent: text, className });
 }
 
-/** A number as people read it, never with digits that it does not have. */
+/** A number formatted for display, never with digits that it does not have. */
 export function text(number) {
   if (number === null || number === undefined) return "–";
   // (Never -0.)
@@ -107,7 +108,10 @@ export function measured(number, unit, power = "") {
   return unit ? `${text(number)} ${unit}${power}` : text(number);
 }
 
-/** Date and time in UTC of seconds since the beginning of 1970; empty if there are none, or none that dates have. */
+/**
+ * Date and time in UTC of seconds since 1970; empty if there are none, or if they are beyond the
+ * range of dates.
+ */
 export function dateAndTime(seconds) {
   if (seconds === null || seconds === undefined) return "";
   const date = new Date(Number(seconds) * 1000);
@@ -116,13 +120,13 @@ export function dateAndTime(seconds) {
 
 let timer;
 
-/** Tells of work that goes on; without arguments, that it has ended. */
+/** Shows that work is in progress; without arguments, that it has ended. */
 export function working(progress) {
   clearTimeout(timer);
   const show = (line) => (element("work").textContent = line);
   if (!progress) return show("");
   const { requests, bytes } = progress;
-  // (What takes less is not worth a word.)
+  // (Shorter work is not shown.)
   timer = setTimeout(() => show(`reading: ${text(requests)} requests, ${text(Math.round(bytes / 1000))} kB`), 150);
 }
 
@@ -131,7 +135,7 @@ export function showRemarks(remarks) {
   element("remarks").hidden = remarks.length === 0;
 }
 
-/** Shows an error; that somebody stopped what was under way is none. */
+/** Shows an error, unless it is a cancellation. */
 export function fail(error) {
   working();
   if (error?.name === "AbortError") return;
@@ -140,10 +144,10 @@ export function fail(error) {
   if (!dialog.open) dialog.showModal();
 }
 
-/** What aborts the jobs that run. */
+/** Abort controllers of the running jobs. */
 const running = new Set();
 
-/** Aborts all jobs: the file that they read is closed. */
+/** Aborts all jobs, since the file that they read is closed. */
 export function abortAll() {
   for (const controller of running) controller.abort();
 }

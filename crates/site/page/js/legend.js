@@ -1,8 +1,8 @@
-// The legend: colours of classes, which a click hides, and of amounts.
+// The legend: colours of classes, which a click hides, and of continuous values.
 
 import { fill } from "./interface.js";
 
-/** Classes that the address says are hidden. */
+/** Classes that the address hides. */
 export function hiddenClasses(list) {
   return new Set((list ?? "").split(",").filter(Boolean).map(Number));
 }
@@ -15,7 +15,10 @@ function swatch(colour) {
   return made;
 }
 
-/** Shows a legend; `onHide` is called when classes were hidden or shown again. Without it they cannot be hidden. */
+/**
+ * Shows a legend. `onHide` is called when classes were hidden or shown again; without it they
+ * cannot be hidden.
+ */
 export function showLegend({ title, sections }, hidden, onHide) {
   const parts = sections.map((section) => (section.classes ? classes(section, hidden, onHide) : ramp(section.ramp)));
   if (parts.length) fill("legend", title || sections[0].title || "Legend", ...parts);

@@ -1,4 +1,4 @@
-// The page: opens what its configuration names, and shows it as a map, a solid or an exact model.
+// The page: opens the configured file, and shows it as a map, a solid or an exact model.
 
 import { abortAll, element, fail, field, choice, showRemarks, working } from "./interface.js";
 import { currentSettings, joined, readSettings, startSettings } from "./settings.js";
@@ -7,7 +7,9 @@ import { readFromParent, tellParent } from "./notebook.js";
 
 const configuration = JSON.parse(document.getElementById("configuration").textContent);
 
-/** The base64 that stands in the page under a name, where the page is one file; `undefined` where it is several. */
+/**
+ * Base64 data that a single-file page embeds under a name; `undefined` in a page of several files.
+ */
 function embedded(name) {
   return document.querySelector(`script[data-name="${CSS.escape(name)}"]`)?.textContent;
 }
@@ -16,14 +18,14 @@ function bytesOf(base64) {
   return Uint8Array.from(atob(base64), (letter) => letter.charCodeAt(0));
 }
 
-/** Where a file of the page is: beside it, or inside it. */
+/** URL of a file of the page: next to it, or embedded in it. */
 function assetUrl(name) {
   const base64 = embedded(name);
   if (base64 === undefined) return new URL(configuration.assets + name, document.baseURI).href;
   return URL.createObjectURL(new Blob([bytesOf(base64)], { type: "text/javascript" }));
 }
 
-/** The module, compiled as it comes where its host tells what it is. */
+/** The compiled module, compiled while it is received if its host sends the right content type. */
 async function compiled(url) {
   const response = await fetch(url);
   if (!response.ok) return undefined;
@@ -31,11 +33,11 @@ async function compiled(url) {
   return isTold ? WebAssembly.compileStreaming(response) : WebAssembly.compile(await response.arrayBuffer());
 }
 
-/** The package. In a page that is one file, its worker and its module are inside. */
+/** The package. A single-file page embeds its worker and its module. */
 async function loadPackage() {
   const worker = embedded("worker");
   if (worker === undefined) {
-    // (The module is on its way before the worker could ask for it.)
+    // (The module's download starts before the worker could request it.)
     const module = compiled(assetUrl("spinney/module_bg.wasm")).catch(() => undefined);
     const spinney = await import(assetUrl("spinney/index.js"));
     spinney.setWorker(() => {
@@ -55,7 +57,7 @@ async function loadPackage() {
   return spinney;
 }
 
-/** The module that shows what a file has. */
+/** The module that shows a kind of file. */
 function viewOf({ kind, dimension }) {
   if (kind === "model") return import("./model.js");
   return dimension === 3 ? import("./solid.js") : import("./map.js");
@@ -64,10 +66,13 @@ function viewOf({ kind, dimension }) {
 let view;
 let dataset;
 
-/** Files are opened one after another, whatever is chosen meanwhile. */
+/** Files are opened sequentially, whatever is selected meanwhile. */
 let queue = Promise.resolve();
 
-/** Shows a file with settings; `configured` are those of the configuration. What is shown stays if the file cannot be opened. */
+/**
+ * Shows a file with settings; `configured` are those of the configuration. If the file cannot be
+ * opened, the previous one stays.
+ */
 function show(spinney, source, name, configured, settings) {
   const done = queue.then(() => showNow(spinney, source, name, configured, settings));
   queue = done.catch(() => {});
@@ -91,7 +96,7 @@ async function showNow(spinney, source, name, configured, settings) {
   element("title").textContent = name;
   showRemarks(dataset.warnings ?? []);
   const { header } = dataset;
-  /** Shows the file again with other settings; says whether it could. */
+  /** Shows the file again with other settings; returns whether that succeeded. */
   const reopen = (changes) => succeeds(show(spinney, source, name, configured, { ...currentSettings(), ...changes }));
   if (header.layers?.length > 1) {
     const names = header.layers.map((layer) => [layer.name, layer.name]);
@@ -101,7 +106,7 @@ async function showNow(spinney, source, name, configured, settings) {
   working();
 }
 
-/** Waits for a file to be shown; says whether it was, and why not in a dialog. */
+/** Waits for a file to be shown; returns whether it was, and shows an error in a dialog. */
 function succeeds(shown) {
   return shown.then(() => true, (error) => {
     fail(error);
@@ -125,12 +130,12 @@ async function start() {
   const named = sources.find((source) => source.name === said.file);
   const chosen = named ?? sources.find(({ content }) => isShown(content)) ?? sources[0];
   const sourceOf = ({ name, url, size }) => {
-    // (In a notebook the page around this one reads the file.)
+    // (In a notebook the enclosing page reads the file.)
     if (url === "parent:") return { name, size, read: readFromParent };
     const data = embedded(url);
     return data === undefined ? new URL(url, document.baseURI) : bytesOf(data);
   };
-  /** Shows a file of the configuration; where the settings lack something, the page has what its author chose. */
+  /** Shows a file of the configuration, which has defaults for missing settings. */
   const open = async (source, settings) => {
     if (!isShown(source.content)) throw new Error(notShown(source.title, source.content));
     const { layer, commit, style } = source;
@@ -148,11 +153,11 @@ async function start() {
   }
   element("file").addEventListener("change", async ({ target }) => {
     const [file] = target.files;
-    // (None of the list is shown then.)
+    // (The file is not in the list.)
     if (file && (await succeeds(show(spinney, file, file.name, {}, {}))) && files) files.value = "";
   });
   if (!chosen) return;
-  // (What draws it needs nothing of the file.)
+  // (The map library can be loaded before the file.)
   if (chosen.content === "map") import("./map.js").then(({ prepare }) => prepare(assetUrl)).catch(fail);
   const isShowing = await succeeds(open(chosen, said));
   if (!isShowing && files) files.value = "";

@@ -1,4 +1,5 @@
-// Rasters as a map: tiles from the package, values under the cursor, styles, legends, polygons, and history.
+// Rasters as a map: tiles from the package, values under the cursor, styles, legends, polygons, and
+// history.
 
 import { button, choice, element, fail, fill, field, latest, slider, table, text, toggle, working } from "./interface.js";
 import { changeSettings, configuredStyle } from "./settings.js";
@@ -9,33 +10,33 @@ import { PolygonTool } from "./polygon.js";
 import { Shared } from "./shared.js";
 import { showHistory } from "./history.js";
 
-/** Names of styles that people choose from, by what the values are. */
+/** Names of selectable styles, by the kind of values. */
 const STYLES = {
   amounts: ["default", "grey", "viridis", "magma", "inferno", "plasma", "cividis", "turbo", "terrain", "hillshade", "relief", "slope", "aspect", "contours"],
   classes: ["default"],
   colours: ["default", "rgb"],
 };
 
-/** The style as the package takes it: a name or a document, with classes that are hidden. */
+/** The style as an argument of the package: a name or a document, with hidden classes. */
 function styleWith(style, hidden) {
   if (hidden.size === 0) return style === "default" ? undefined : style;
   const own = style.startsWith("{") ? JSON.parse(style) : { draw: "palette" };
   return JSON.stringify({ ...own, hide: [...hidden] });
 }
 
-/** Tiles that are asked for at the same time: those of a screen. */
+/** Maximum number of concurrent tile requests: those of a screen. */
 const TILES_AT_ONCE = 64;
 
 let protocols = 0;
 
 let library;
 
-/** Loads what draws maps, and starts its workers. */
+/** Loads the map library, and starts its workers. */
 export function prepare(assetUrl) {
   library ??= import(assetUrl("vendor/maplibre-gl.js")).then((maplibre) => {
     maplibre.setWorkerUrl(assetUrl("vendor/maplibre-gl-worker.js"));
     maplibre.prewarm();
-    // (All that one sees, so that what the tiles lack comes together.)
+    // (All visible tiles, so that their missing ranges are fetched together.)
     maplibre.setMaxParallelImageRequests(TILES_AT_ONCE);
     return maplibre;
   });
@@ -52,7 +53,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   const state = { style: place.style ?? "default", hidden: hiddenClasses(place.hide) };
   const opacity = opacityOf(place.opacity);
 
-  // Tiles are asked for by address: `spinney1://3/1/2`.
+  // Tiles are requested by address: `spinney1://3/1/2`.
   const protocol = `spinney${++protocols}`;
   const drawn = new Shared();
   maplibre.addProtocol(protocol, async ({ url }, { signal }) => {
@@ -63,7 +64,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
     return { data: await createImageBitmap(tile ?? new ImageData(1, 1)) };
   });
   const below = isWorld ? await ground(assetUrl) : { sources: {}, layers: [] };
-  // (Another address for another look, so that no tile of the old one is shown.)
+  // (Another address for another style, so that no tile of the old one is shown.)
   const tiles = () => [`${protocol}://{z}/{x}/{y}?${encodeURIComponent(styleWith(state.style, state.hidden) ?? "")}`];
   const map = new maplibre.Map({
     container: "view",
@@ -81,7 +82,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
     },
     maxZoom: Math.min(grid.maxZoom + 6, 24),
     renderWorldCopies: isWorld,
-    // (A file's own plane may be seen whole, with room around it.)
+    // (A file's own plane may be visible as a whole, with a margin.)
     ...(!isWorld && { minZoom: -2, transformConstrain: (center, zoom) => ({ center, zoom: Math.max(zoom, -2) }) }),
     attributionControl: false,
     dragRotate: false,
@@ -142,7 +143,7 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   legend();
   await showHistory({ dataset, map, plane, place, reopen });
 
-  // Values: under the cursor in the line below, and of a place that is clicked in the panel.
+  // Values: those under the cursor in the status line, those of a clicked point in the panel.
   const read = (signal, place) => dataset.point(place, { crs: plane.crs, signal, progress: working });
   const line = latest(async (signal, lngLat) => {
     const place = plane.placeOf(lngLat);
@@ -190,13 +191,13 @@ export async function show({ dataset, place, assetUrl, reopen }) {
   };
 }
 
-/** The opacity of the settings: 1 if they have none, or none that is valid. */
+/** The opacity of the settings: 1 if they have none, or an invalid one. */
 function opacityOf(setting) {
   const opacity = Number(setting ?? 1);
   return opacity >= 0 && opacity <= 1 ? opacity : 1;
 }
 
-/** Room around what is to be seen, which the panel does not cover. */
+/** Padding of the visible area, which excludes the panel. */
 function free() {
   const { width, height } = element("view").getBoundingClientRect();
   const panel = element("panel").getBoundingClientRect();
@@ -205,7 +206,7 @@ function free() {
   return { top: 24, right: 24, bottom: isBelow ? Math.min(panel.height + 24, most) : 48, left: isBelow ? 24 : Math.min(panel.right + 24, most) };
 }
 
-/** A value in a few words. */
+/** A short description of a value. */
 function describe(found, header) {
   if (found.values === null) return "nothing";
   const values = found.values.map(text).join(", ");

@@ -1,7 +1,7 @@
 // Messages for users of the page.
 //
-// Errors and remarks are those of the engine, whose other users have a command line, a library or a package: what they advise is replaced here,
-// and only here, by what can be done in a page.
+// Errors and remarks are the engine's, whose other users have a command line, a library or a
+// package. Only this file replaces their advice by what can be done in a page.
 
 /** Commands, options, operations, functions and settings, which a page does not have. */
 const FOREIGN = /\bspinney[\s.]+[a-z]|(?<![\w-])--[a-z]|\bin Python\b|\b(?:crs|like|calc|raster)=|\bSPINNEY_|\b[\w.]+\(\)|\bDataset[.:]/;
@@ -13,16 +13,16 @@ const ADVICE = {
   "too-large": "zoom in, or choose a smaller area",
 };
 
-/** Advice where the engine's is of no use here. */
+/** Advice where the engine's does not apply to a page. */
 const OTHERWISE = "the author of the file can change this";
 
-/** Contents of files that no page shows, by how errors call them. */
+/** Contents of files that no page shows, as named in errors. */
 const HIDDEN_CONTENTS = [[/\ba tree of points\b/, "points"], [/\ba tree of lines\b/, "lines"], [/\ba shard summary\b/, "shard"]];
 
 /** Names of contents that no page shows. */
 const CONTENT_NAMES = { points: "points", lines: "lines", shard: "a part of an unfinished build" };
 
-/** Whether the page shows files of a content; of one that is not known yet it may. */
+/** Whether the page shows files of a content; `true` for unknown content. */
 export function isShown(content) {
   return !Object.hasOwn(CONTENT_NAMES, content ?? "");
 }
@@ -33,8 +33,8 @@ export function notShown(name, content) {
 }
 
 /**
- * A message without sentences and clauses that mention what the page does not have. Of the first sentence, which says what is wrong, the first
- * clause stays, often the name of a file.
+ * A message without sentences and clauses that mention what the page does not have. In the first
+ * sentence, which describes the failure, the first clause stays; often it is the name of a file.
  */
 export function withoutForeign(message) {
   const [first, ...others] = message.split(/(?=(?:;|(?<=[^.])\.)\s)/);

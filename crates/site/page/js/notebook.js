@@ -1,4 +1,5 @@
-// The page inside another one, as in a notebook: ranges of the file come from there, and polygons that are drawn go there.
+// The page embedded in another one, as in a notebook, which reads ranges of the file and receives
+// drawn polygons.
 
 const asked = new Map();
 let next = 0;
@@ -20,7 +21,7 @@ export function readFromParent(start, end) {
   });
 }
 
-/** Says something to whoever shows the page, if somebody does. */
+/** Sends a message to the enclosing page, if there is one. */
 export function tellParent(message) {
   if (parent !== window) parent.postMessage({ spinney: message }, "*");
 }

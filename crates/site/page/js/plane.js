@@ -1,9 +1,12 @@
-// Planes that a map is drawn in: web mercator, and a file's own grid as if its square were the world.
+// Planes that a map is drawn in: web mercator, and a file's own grid mapped to the world's square.
 //
-// MapLibre knows longitudes and latitudes alone. In its own grid a file's square takes the place of the world's square, so that
-// tiles, zooms and gestures are the same; these functions say where a point of the screen lies in the file.
+// MapLibre only knows longitudes and latitudes. A file's own grid is mapped to the world's square,
+// so that tiles, zooms and gestures are the same; these functions convert points of the screen to
+// the file's coordinates.
 
-/** Fractions of the world's square, from the north-western corner, of a longitude and a latitude. */
+/**
+ * Fractions of the world's square, from the north-western corner, of a longitude and a latitude.
+ */
 function fractions({ lng, lat }) {
   const sine = Math.sin((lat * Math.PI) / 180);
   return [lng / 360 + 0.5, 0.5 - Math.log((1 + sine) / (1 - sine)) / (4 * Math.PI)];
@@ -13,7 +16,7 @@ function degrees([x, y]) {
   return [(x - 0.5) * 360, (Math.atan(Math.sinh(Math.PI * (1 - 2 * y))) * 180) / Math.PI];
 }
 
-/** The plane of web mercator: places are longitudes and latitudes. */
+/** The plane of web mercator: positions are longitudes and latitudes. */
 export const mercator = {
   grid: "web-mercator",
   crs: "lonlat",
@@ -23,7 +26,9 @@ export const mercator = {
   text: ([longitude, latitude]) => `${latitude.toFixed(5)}°, ${longitude.toFixed(5)}°`,
 };
 
-/** The plane of a file's own grid: places are in the file's system, or cells where it has none. */
+/**
+ * The plane of a file's own grid: positions are in the file's system, or in cells if it has none.
+ */
 export function nativePlane({ transform, depth }) {
   const side = 2 ** depth;
   const [a, b, c, d, e, f] = transform;
@@ -48,7 +53,10 @@ export function nativePlane({ transform, depth }) {
 /** Pixels along a side of a tile. */
 export const TILE = 256;
 
-/** The tiles of a file's own grid: the deepest zoom, and the picture's place as degrees of its plane. */
+/**
+ * The tiles of a file's own grid: the deepest zoom, and the raster's bounds as degrees of its
+ * plane.
+ */
 export function nativeTiles({ size, depth }) {
   const side = 2 ** depth;
   const [west, north] = degrees([0, 0]);
@@ -56,7 +64,10 @@ export function nativeTiles({ size, depth }) {
   return { maxZoom: Math.max(depth - Math.log2(TILE), 0), bounds: [west, south, east, north] };
 }
 
-/** The tiles of web mercator: the deepest zoom has about the file's own cells; nothing where its place on the globe is not known. */
+/**
+ * The tiles of web mercator: the deepest zoom has about the file's own cell size; `null` if its
+ * geographic bounds are unknown.
+ */
 export function mercatorTiles({ size, geographicBounds }) {
   if (!geographicBounds) return null;
   const [west, south, east, north] = geographicBounds;

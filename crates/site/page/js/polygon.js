@@ -1,4 +1,4 @@
-// A polygon that is drawn on the map, and the exact statistics of what lies in it.
+// A polygon drawn on the map, and the exact statistics of its cells.
 
 import { colour } from "./ground.js";
 import { clearResult, element, fill, latest, paragraph, table, text, working } from "./interface.js";
@@ -6,12 +6,12 @@ import { clearResult, element, fill, latest, paragraph, table, text, working } f
 const NOTHING = { type: "FeatureCollection", features: [] };
 
 export class PolygonTool {
-  /** Whether clicks are corners. */
+  /** Whether clicks add vertices. */
   isDrawing = false;
   /** Called when drawing ends. */
   onEnd = () => {};
   #corners = [];
-  /** The heading of the statistics that were shown last. */
+  /** Heading of the statistics that were shown last. */
   #heading;
 
   constructor({ map, maplibre, dataset, plane, header }) {
@@ -33,7 +33,7 @@ export class PolygonTool {
         this.#show();
       }
     });
-    // (Without a geometry, statistics that are shown or on their way are dropped.)
+    // (Without a geometry, statistics that are shown or being computed are dropped.)
     this.ask = latest(async (signal, geometry) => {
       this.#dropStatistics();
       if (geometry === undefined) return;
@@ -76,7 +76,7 @@ export class PolygonTool {
 
   add({ lng, lat }) {
     const last = this.#corners.at(-1);
-    // (A double click is two clicks at one place.)
+    // (A double click is two clicks at one position.)
     if (last && last[0] === lng && last[1] === lat) return;
     this.#corners.push([lng, lat]);
     this.#show();
@@ -94,7 +94,7 @@ export class PolygonTool {
     this.#heading = fill("answer", "Statistics of the polygon", ...content);
   }
 
-  /** Removes the statistics of the polygon, unless something else is shown in their position by now. */
+  /** Removes the statistics of the polygon, unless something else has replaced them. */
   #dropStatistics() {
     if (this.#heading?.isConnected) clearResult();
   }
@@ -111,7 +111,7 @@ export class PolygonTool {
   #report(zone) {
     const made = [];
     const { cells, void_cells, channels, classes, unit } = zone;
-    // Octrees have volumes in the cube of the world's unit.
+    // Octrees have volumes, in cubic world units.
     const isVolume = "volume" in zone;
     const measureOf = (found) => (isVolume ? found.volume : found.area_m2) ?? null;
     const measureUnit = isVolume ? (unit === "cells" ? "cells" : `${unit ?? "unit"}³`) : "m²";

@@ -1,21 +1,24 @@
-// A scene of three.js: camera, light, controls, a section plane, and what is clicked.
+// A three.js scene: camera, light, controls, a section plane, and picking.
 
 import { choice, element, field, slider } from "./interface.js";
 import { colour } from "./ground.js";
 import { changeSettings } from "./settings.js";
 
-/** Angle, in degrees, that the shorter side of the view has where the panel does not cover it. */
+/** Field of view, in degrees, along the shorter side of the area that the panel does not cover. */
 const ANGLE = 45;
-/** Distance of the camera from the middle of a box, in diagonals of the box: all of it is within a little less than that angle. */
+/**
+ * Distance of the camera from the centre of a box, in diagonals of the box: the box fits into a
+ * little less than that angle.
+ */
 const DISTANCE = 1.33;
 
 export class Scene {
   /** Called before a frame is drawn if the camera has moved. */
   onMove = () => {};
-  /** Called with what a ray from the click hits first, or `undefined`. */
+  /** Called with the first hit of a ray from the click, or `undefined`. */
   onClick = () => {};
 
-  /** A scene for what lies in a box: its least and greatest corner. */
+  /** A scene for the contents of a box, given by its minimum and maximum. */
   constructor(three, [min, max]) {
     this.three = three;
     const container = element("view");
@@ -40,7 +43,7 @@ export class Scene {
     this.camera.add(sun);
     sun.position.set(-0.4, 0.8, 1);
     this.scene.add(this.camera);
-    /** The plane of the section: the side behind it is not drawn; it does nothing until it is put somewhere. */
+    /** Plane of the section. Its negative side is not drawn; initially the plane has no effect. */
     this.plane = new three.Plane(new three.Vector3(0, 0, -1), 1e30);
     const middle = this.box.getCenter(new three.Vector3());
     this.camera.position.copy(middle).addScaledVector(new three.Vector3(0.55, -0.75, 0.5).normalize(), size * DISTANCE);
@@ -62,7 +65,7 @@ export class Scene {
     this.controls.update();
   }
 
-  /** Looks from where a link says. */
+  /** Sets the camera from a link. */
   lookFrom(view) {
     const numbers = (view ?? "").split(",").map(Number);
     if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return;
@@ -99,7 +102,7 @@ export class Scene {
     });
   }
 
-  /** The first thing under a pointer that the section has not taken away. */
+  /** The first object under a pointer that the section does not hide. */
   hit({ clientX, clientY }) {
     const { left, top, width, height } = this.renderer.domElement.getBoundingClientRect();
     return this.hitAt((2 * (clientX - left)) / width - 1, 1 - (2 * (clientY - top)) / height);
@@ -110,7 +113,7 @@ export class Scene {
     ray.setFromCamera(new this.three.Vector2(x, y), this.camera);
     return ray.intersectObject(this.scene, true).find((hit) => {
       const { point, object } = hit;
-      // (A plane is seen only where it has a colour.)
+      // (A section image is visible only where it has a colour.)
       const isSeen = object.userData.isSeen?.(hit) ?? true;
       return object.isMesh && isSeen && this.plane.distanceToPoint(point) >= -1e-6 * this.camera.far;
     });
@@ -131,14 +134,14 @@ export class Scene {
     this.camera.fov = (Math.atan((tangent * height) / shorter) * 360) / Math.PI;
     this.camera.aspect = width / height;
     this.camera.setViewOffset(width, height, -left / 2, bottom / 2, width, height);
-    /** What is not covered has its middle there, in the coordinates of `hitAt`. */
+    /** Centre of the uncovered area, in the coordinates of `hitAt`. */
     this.middle = [left / width, bottom / height];
     this.camera.updateProjectionMatrix();
     this.onMove();
     this.draw();
   }
 
-  /** Draws once, soon: nothing is drawn while nothing changes. */
+  /** Schedules a single frame: nothing is drawn while nothing changes. */
   draw() {
     this.frame ??= requestAnimationFrame(() => {
       this.frame = undefined;
@@ -148,8 +151,8 @@ export class Scene {
   }
 
   /**
-   * Adds the controls of a section along an axis, which starts as the settings have it. `onCut(axis, at)` is called with the axis and the
-   * coordinate on it; without arguments where there is no section.
+   * Adds the controls of a section along an axis, with an initial setting. `onCut(axis, at)` is
+   * called with the axis and the coordinate on it; without arguments if there is no section.
    */
   addSection(setting, onCut) {
     const axes = ["x", "y", "z"];
@@ -166,7 +169,7 @@ export class Scene {
         const number = axes.indexOf(axis);
         const [low, high] = [this.box.min.getComponent(number), this.box.max.getComponent(number)];
         const place = low + (high - low) * Number(at.value);
-        // (What is before the plane goes, as one looks at it.)
+        // (The side towards the camera is removed.)
         const side = this.camera.position.getComponent(number) < place ? 1 : -1;
         this.plane.normal.set(0, 0, 0).setComponent(number, side);
         this.plane.constant = -side * place;
@@ -198,7 +201,7 @@ export class Scene {
   }
 }
 
-/** A colour for each number, no two alike that follow each other. */
+/** A colour for each number; consecutive numbers have different colours. */
 export function distinct(three, number) {
   return new three.Color().setHSL((number * 0.618034) % 1, 0.45, 0.62);
 }

@@ -1,15 +1,18 @@
-// Settings that links keep: what follows `#` in the page's address.
+// Settings that are kept in links: what follows `#` in the page's address.
 
-/** Settings that the configuration of the page has for the file that is shown. */
+/** The configuration's settings for the current file. */
 let configured = {};
-/** Settings as they are now: file, layer, commit, grid, style, hidden classes, opacity, section, view. */
+/** Current settings: file, layer, commit, grid, style, hidden classes, opacity, section, view. */
 let current = {};
 
 const isSet = (value) => value !== undefined && value !== null && value !== "";
 
 const onlySet = (settings) => Object.fromEntries(Object.entries(settings).filter(([, value]) => isSet(value)));
 
-/** The settings in the address. An empty one replaces that of the configuration by the file's own. */
+/**
+ * The settings in the address. An empty one overrides the configuration's, so that the file's own
+ * applies.
+ */
 export function readSettings() {
   return Object.fromEntries(new URLSearchParams(location.hash.slice(1)));
 }
@@ -26,7 +29,7 @@ export function startSettings(ofConfiguration, settings) {
   write();
 }
 
-/** The settings as they are now. */
+/** The current settings. */
 export function currentSettings() {
   return { ...current };
 }
@@ -42,7 +45,10 @@ export function changeSettings(changes) {
   write();
 }
 
-/** Writes what differs from the configuration to the address, without an entry in the browser's history for each change. */
+/**
+ * Writes the differences from the configuration to the address, without adding an entry to the
+ * browser's history.
+ */
 function write() {
   const settings = new URLSearchParams();
   for (const [name, value] of Object.entries(current)) {

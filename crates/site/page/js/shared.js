@@ -1,10 +1,13 @@
-// Work that several wait for: the copies of the world on a map show the same tiles.
+// Shared work: the copies of the world on a map show the same tiles.
 
-/** Work under way, by what it is. */
+/** Running work, by key. */
 export class Shared {
   #running = new Map();
 
-  /** Waits for work of a name, which is started by the first who wants it, and ended when nobody wants it any more. */
+  /**
+   * Waits for the work of a key. The first request starts it; it is aborted when no request waits
+   * for it any more.
+   */
   share(name, signal, start) {
     let work = this.#running.get(name);
     if (!work) {

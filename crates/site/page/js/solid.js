@@ -1,14 +1,15 @@
-// Octrees: surfaces of cells, with finer levels as one comes nearer, and sections with their values.
+// Octrees: surfaces of cells, with finer levels close to the camera, and sections with their
+// values.
 
 import { clearResult, fill, latest, table, text, working } from "./interface.js";
 import { Scene } from "./scene.js";
 import { showLegend } from "./legend.js";
 
-/** Cells along each side of the surface that one part of the tree is drawn as: its level is so many below the part's. */
+/** Level of the surface of an octant, relative to the octant's own: 2^6 cells along each side. */
 const LEVELS_BELOW = 6;
-/** A part is divided if it takes more than so much of the picture's height. */
+/** An octant is divided if it takes more than this share of the view's height. */
 const SHARE = 0.9;
-/** Parts that are drawn at most. */
+/** Maximum number of octants that are drawn. */
 const MAX_PARTS = 160;
 
 export async function show({ dataset, place, assetUrl }) {
@@ -16,7 +17,7 @@ export async function show({ dataset, place, assetUrl }) {
   const three = await import(assetUrl("vendor/three.js"));
   const matrix = new three.Matrix4().set(...header.matrix.flat(), 0, 0, 0, 1);
   const toCells = matrix.clone().invert();
-  // (World coordinates are large numbers: the scene is around the middle.)
+  // (World coordinates are large numbers: the scene's origin is the centre.)
   const origin = new three.Vector3(...header.size).multiplyScalar(0.5).applyMatrix4(matrix);
   const local = new three.Matrix4().makeTranslation(-origin.x, -origin.y, -origin.z).multiply(matrix);
   const corners = new three.Box3(new three.Vector3(), new three.Vector3(...header.size)).applyMatrix4(local);
@@ -30,7 +31,7 @@ export async function show({ dataset, place, assetUrl }) {
     side: three.DoubleSide,
   });
 
-  /** A part: the octant with a corner (in octants of its own size) at a level. */
+  /** An octant of a level, at a corner in units of its own size. */
   class Part {
     constructor(level, corner) {
       Object.assign(this, { level, corner, mesh: undefined, state: "new", parts: undefined });
@@ -80,7 +81,7 @@ export async function show({ dataset, place, assetUrl }) {
 
   const root = new Part(0, [0, 0, 0]);
   const frustum = new three.Frustum();
-  /** Parts that are to be loaded, the most important first; shows what is there. */
+  /** Octants to be loaded, by descending priority; shows those that are loaded. */
   function choose() {
     view.camera.updateMatrixWorld();
     frustum.setFromProjectionMatrix(new three.Matrix4().multiplyMatrices(view.camera.projectionMatrix, view.camera.matrixWorldInverse));
@@ -122,7 +123,7 @@ export async function show({ dataset, place, assetUrl }) {
   view.lookFrom(place.view);
   await refine();
 
-  // The section: the picture of the values in the plane.
+  // The section: an image of the values in the plane.
   let quad;
   const cut = latest(async (signal, axis, at) => {
     if (quad) {
@@ -131,13 +132,13 @@ export async function show({ dataset, place, assetUrl }) {
     }
     if (axis === undefined) return;
     const number = ["x", "y", "z"].indexOf(axis);
-    // (Frames of solids are along the axes: the place is a cell's number along the axis.)
+    // (Frames of solids are axis-aligned: the section is at a cell index along the axis.)
     const point = new three.Vector3().copy(origin).setComponent(number, at + origin.getComponent(number)).applyMatrix4(toCells);
     const cell = Math.min(Math.max(Math.floor(point.getComponent(number)), 0), header.size[number] - 1);
     const image = await dataset.slice({ axis, index: cell, size: 512, style: "default", signal, progress: working });
     const { cells } = image;
     const [u, v] = [0, 1, 2].filter((other) => other !== number);
-    // (Cells of the picture: the first ones, and those behind the last.)
+    // (Cells of the image: first ones, and exclusive ends.)
     const corner = (along, up) => {
       const made = new three.Vector3();
       return made.setComponent(number, cell + 0.5).setComponent(u, along).setComponent(v, up).applyMatrix4(local).toArray();
@@ -146,7 +147,8 @@ export async function show({ dataset, place, assetUrl }) {
     geometry.setAttribute("position", new three.Float32BufferAttribute([corner(cells[u], cells[v]), corner(cells[3 + u], cells[v]), corner(cells[3 + u], cells[3 + v]), corner(cells[u], cells[3 + v])].flat(), 3));
     geometry.setAttribute("uv", new three.Float32BufferAttribute([0, 0, 1, 0, 1, 1, 0, 1], 2));
     geometry.setIndex([0, 1, 2, 0, 2, 3]);
-    // (Rows of textures go up. Pictures across z have the lowest row first, too; others are upright as people see them.)
+    // (Texture rows ascend. Images across z have the lowest row first, too; others have the highest
+    // row first.)
     const pixels = axis === "z" ? new Uint8Array(image.data.buffer) : flipped(image);
     const texture = new three.DataTexture(pixels, image.width, image.height);
     texture.colorSpace = three.SRGBColorSpace;
@@ -166,7 +168,7 @@ export async function show({ dataset, place, assetUrl }) {
 
   const tell = latest(async (signal, hit) => {
     if (!hit) return clearResult();
-    // (The cell that has the face is behind it: a quarter of a cell on.)
+    // (The face's cell is on its inner side: move inwards by a quarter of a cell.)
     const step = hit.object === quad ? 0 : -0.25 * smallest;
     const inside = hit.point.clone().addScaledVector(hit.face.normal, step).add(origin).applyMatrix4(toCells);
     const cell = inside.toArray().map((at, axis) => Math.min(Math.max(Math.floor(at), 0), header.size[axis] - 1));
@@ -182,7 +184,7 @@ export async function show({ dataset, place, assetUrl }) {
   return view;
 }
 
-/** An image with its last row first, as textures have them. */
+/** An image with its last row first, as in textures. */
 function flipped({ width, height, data }) {
   const out = new Uint8Array(data.length);
   for (let row = 0; row < height; row++) out.set(data.subarray(row * width * 4, (row + 1) * width * 4), (height - 1 - row) * width * 4);

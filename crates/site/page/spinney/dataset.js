@@ -1,11 +1,11 @@
-// Datasets and models: what is open, and what can be asked of it.
+// Open datasets and models, and their queries.
 
 import * as engine from "./engine.js";
 import { SpinneyError } from "./errors.js";
 import { picture } from "./pictures.js";
 import { sourceOf } from "./sources.js";
 
-/** Typed arrays by types of samples. */
+/** Typed arrays by sample type. */
 const ARRAYS = {
   u8: Uint8Array,
   i8: Int8Array,
@@ -19,7 +19,7 @@ const ARRAYS = {
   f64: Float64Array,
 };
 
-/** Times that a question is asked anew if others end the module meanwhile. */
+/** Maximum attempts of a query whose module instance was ended by other queries. */
 const TRIES = 4;
 
 /** A source that several datasets read. */
@@ -30,7 +30,7 @@ class Shared {
     this.resuming = undefined;
   }
 
-  /** Makes sure that the module's instance knows the file. */
+  /** Ensures that the module's instance has the file. */
   async ready(signal) {
     if (this.source.instance === engine.instance()) return;
     this.resuming ??= this.source.resume(signal).finally(() => {
@@ -45,7 +45,7 @@ class Shared {
   }
 }
 
-/** A tree or a model that is open, with its file. */
+/** An open tree or model, with its file. */
 class Opened {
   #shared;
   #place;
@@ -67,7 +67,7 @@ class Opened {
     return [...this.#shared.source.warnings, ...(this.header.remark ? [this.header.remark] : [])];
   }
 
-  /** Asks a question of the module. */
+  /** Runs a query in the module. */
   async ask(ask, request, { signal, progress, places, buffers } = {}) {
     return attempts(async () => {
       if (this.#isClosed) throw new SpinneyError({ code: "invalid", message: `${this.#shared.source.name}: the dataset is closed` });
@@ -81,13 +81,13 @@ class Opened {
     });
   }
 
-  /** Opens something else of the same file. */
+  /** Opens another layer or commit of the same file. */
   async other(place, { signal, progress } = {}) {
     if (this.#isClosed) throw new SpinneyError({ code: "invalid", message: `${this.#shared.source.name}: the dataset is closed` });
     return openShared(this.#shared, { ...this.#place, ...place }, { signal, progress });
   }
 
-  /** Whether the file is another one by now; if so, it is opened anew. */
+  /** Returns whether the file has changed; if so, it is opened again. */
   async refresh({ signal, progress } = {}) {
     const old = this.#shared;
     if (!(await old.source.hasChanged(signal))) return false;
@@ -113,7 +113,7 @@ class Opened {
     if (this.#instance === engine.instance()) engine.close(this.#number);
   }
 
-  /** Gives back the memory. */
+  /** Releases the memory. */
   close() {
     if (this.#isClosed) return;
     this.#isClosed = true;
@@ -122,12 +122,12 @@ class Opened {
   }
 }
 
-/** A request without what is for the way it is asked. */
+/** A request without the query options. */
 function plain({ signal, progress, ...request } = {}) {
   return request;
 }
 
-/** Does something again if another question has ended the module meanwhile. */
+/** Repeats work if another query has ended the module meanwhile. */
 async function attempts(work) {
   for (let time = 1; ; time += 1) {
     try {
@@ -163,13 +163,13 @@ export async function open(source, { signal, progress, headers, cacheBytes, laye
       return await openShared(shared, place, { signal, progress });
     } catch (error) {
       shared.source.close();
-      // (A file that is written meanwhile is looked at again.)
+      // (A file that is being written is read again.)
       if (error?.code !== "changed" || time === TRIES) throw error;
     }
   }
 }
 
-/** Coordinates, one behind the other. */
+/** Coordinates, concatenated. */
 function flat(places, axes) {
   const numbers = new Float64Array(places.length * axes);
   places.forEach((place, index) => {
@@ -187,12 +187,12 @@ function samples({ json, buffers }) {
   return { ...found, data, mask: hasMask ? mask : undefined };
 }
 
-/** A style, as text: its name, or its document. */
+/** A style, as a string: its name, or its document. */
 function styleText(style) {
   return style === undefined || typeof style === "string" ? style : JSON.stringify(style);
 }
 
-/** GeoJSON, as text. */
+/** GeoJSON, as a string. */
 function geoJson(zones) {
   return typeof zones === "string" ? zones : JSON.stringify(zones);
 }

@@ -1,14 +1,17 @@
-// The module: one instance at a time, with the files and trees that are open in it.
+// The WebAssembly module: one instance at a time, with its open files and trees.
 
 import * as glue from "./module.js";
 import { PanicError, SpinneyError } from "./errors.js";
 
-/** Bytes of ranges that are held for all files. */
+/** Size in bytes of the range cache for all files. */
 const CACHE = 64 * 2 ** 20;
-/** Bytes that a single question may need at the same time. */
+/** Maximum bytes that a single query may need at the same time. */
 const MOST = 2 ** 30;
 
-/** Rounds behind which single ranges are fetched with what is behind them, and the bytes of that, at first and at most. */
+/**
+ * Number of batches after which single ranges are fetched with read-ahead, and the initial and
+ * maximum read-ahead in bytes.
+ */
 const ALONE = 6;
 const FIRST_AHEAD = 2 ** 18;
 const MAX_AHEAD = 2 ** 23;
@@ -17,19 +20,22 @@ const isNode = typeof process !== "undefined" && Boolean(process.versions?.node)
 
 let compiled;
 let ready = false;
-/** Counts instances: what was opened in an older one is not there any more. */
+/** Number of the instance. Objects that were opened in an older one do not exist any more. */
 let generation = 0;
 let cache = CACHE;
 
-/** Says where the module's bytes come from: a URL, bytes, a response, a compiled module, or a promise of one of these. Without it, they are beside this file. */
+/**
+ * Sets the source of the module: a URL, bytes, a response, a compiled module, or a promise of one
+ * of these. The default is a file next to this one.
+ */
 export function setModule(source) {
   if (ready || compiled) throw new SpinneyError({ code: "invalid", message: "the module is loaded already: say where it is before the first file is opened" });
   compiled = compile(source);
-  // (Who awaits it is told.)
+  // (Callers that await it get the error.)
   compiled.catch(() => {});
 }
 
-/** A function with vectors of 128 bits, which the module has, too. */
+/** A function with 128-bit vectors, which the module also uses. */
 const SIMD = new Uint8Array([0, 97, 115, 109, 1, 0, 0, 0, 1, 5, 1, 96, 0, 1, 123, 3, 2, 1, 0, 10, 10, 1, 8, 0, 65, 0, 253, 15, 253, 98, 11]);
 
 async function compileBytes(bytes) {
@@ -61,7 +67,7 @@ export async function load() {
   try {
     module = await compiled;
   } catch (error) {
-    // (Perhaps it is to be had the next time.)
+    // (The next attempt may succeed.)
     compiled = undefined;
     throw error;
   }
@@ -78,13 +84,13 @@ export function instance() {
   return generation;
 }
 
-/** Bytes of ranges that are held for all files. */
+/** Sets the size in bytes of the range cache for all files. */
 export function setCacheBytes(bytes) {
   cache = Math.min(Math.max(bytes, 2 ** 20), MOST);
   if (ready) glue.setCache(cache);
 }
 
-/** Calls the module. A panic ends the instance, not the page: a new one takes its place. */
+/** Calls the module. A panic ends the instance, not the page: a new instance replaces it. */
 export function call(work) {
   try {
     return work(glue);
@@ -94,7 +100,7 @@ export function call(work) {
     try {
       message = glue.lastPanic();
     } catch {
-      // (Not even that is left.)
+      // (Reading the message may fail, too.)
     }
     ready = false;
     glue.__wbg_reset_state();
@@ -105,7 +111,7 @@ export function call(work) {
   }
 }
 
-/** Answers a question once: `{missing}`, or `{json, buffers}`. */
+/** Tries a query once: returns `{missing}`, or `{json, buffers}`. */
 function attempt(text, places) {
   return call((glue) => {
     const answer = glue.ask(text, places);
@@ -122,7 +128,7 @@ function attempt(text, places) {
   });
 }
 
-/** Writes JSON with BigInts as the whole numbers that they are. */
+/** Writes JSON in which BigInts are integers. */
 function write(question) {
   let hasBig = false;
   const text = JSON.stringify(question, (_, value) => {
@@ -133,7 +139,7 @@ function write(question) {
   return hasBig ? text.replace(/"\\u0000(-?\d+)"/g, "$1") : text;
 }
 
-/** Reads JSON in which whole numbers may be BigInts. */
+/** Parses JSON in which integers may be BigInts. */
 export function parse(text) {
   if (!text.includes('{"$')) return JSON.parse(text);
   return JSON.parse(text, (_, value) => {
@@ -146,13 +152,14 @@ export function parse(text) {
 
 const NONE = new Float64Array(0);
 
-/** Another question has ended the instance: this one is to be asked again in the new one. */
+/** Another query has ended the instance: this one must be repeated in the new one. */
 export class Replaced extends Error {}
 
 /**
- * Asks a question in rounds: what it lacks is fetched, many ranges at once, and it is asked again. Between two rounds it can be given up.
+ * Runs a query in batches: the ranges that it lacks are fetched, many at once, and it is tried
+ * again. It can be aborted between two batches.
  *
- * @param source where the bytes come from: `fetch(ranges, signal)` supplies them.
+ * @param source source of the bytes: `fetch(ranges, signal)` supplies them.
  */
 export async function ask(source, question, { places = NONE, signal, progress, buffers = 0 } = {}) {
   const text = write(question);
@@ -187,7 +194,8 @@ export async function ask(source, question, { places = NONE, signal, progress, b
         ranges.push([start, end]);
         needed += end - start;
       }
-      // (What asks for one range after the other goes through the file: what is behind it comes with it, ever more.)
+      // (A query that needs single ranges in turn scans the file: each is fetched with increasing
+      // read-ahead.)
       if (ranges.length === 1 && total.rounds >= ALONE) {
         ahead = Math.min(Math.max(2 * ahead, FIRST_AHEAD), MAX_AHEAD);
         const [range] = ranges;
@@ -195,7 +203,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
         needed += Math.max(end - range[1], 0);
         range[1] = Math.max(end, range[1]);
       }
-      // (All that a question has read must be there when it is asked for the last time.)
+      // (All ranges that a query has read must be in the cache for its last attempt.)
       if (needed > cache / 2 || isAgain) {
         const room = Math.min(Math.max(4 * needed, 2 * cache), 2 * MOST);
         if (needed > MOST) {
@@ -220,7 +228,7 @@ export async function ask(source, question, { places = NONE, signal, progress, b
   }
 }
 
-/** Takes up a file that comes in ranges, or all of whose bytes are there. */
+/** Adds a file whose bytes are supplied in ranges, or one whose bytes are complete. */
 export const addFile = (name, length) => call((glue) => glue.addFile(name, length));
 export const addBytes = (name, bytes) => call((glue) => glue.addBytes(name, bytes));
 export const removeFile = (file) => call((glue) => glue.removeFile(file));

@@ -1,8 +1,11 @@
-// Errors, as classes.
+// Error classes.
 
-/** A failure: which file, what was found there, what was expected, what to do. */
+/** A failure: the file, what was found there, what was expected, and advice. */
 export class SpinneyError extends Error {
-  /** @param {{code?: string, message: string, file?: string, place?: string, found?: string, expected?: string, advice?: string}} parts */
+  /**
+   * @param {{code?: string, message: string, file?: string, place?: string, found?: string,
+   * expected?: string, advice?: string}} parts
+   */
   constructor(parts, options) {
     super(parts.message, options);
     this.name = "SpinneyError";
@@ -13,7 +16,7 @@ export class SpinneyError extends Error {
   }
 }
 
-/** The module came to an end in a way that it should not. It has been replaced: the next question works. */
+/** The module ended unexpectedly. It has been replaced: the next query works. */
 export class PanicError extends SpinneyError {
   constructor(parts, options) {
     super({ code: "panic", ...parts }, options);
@@ -21,7 +24,7 @@ export class PanicError extends SpinneyError {
   }
 }
 
-/** The parts of an error, to be sent to another thread. */
+/** The properties of an error, to be sent to another thread. */
 export function toParts(error) {
   if (error instanceof SpinneyError) {
     const { name, message, code, file, place, found, expected, advice } = error;
@@ -30,7 +33,7 @@ export function toParts(error) {
   return { name: error?.name ?? "Error", message: String(error?.message ?? error) };
 }
 
-/** The error that parts were made of. */
+/** The error with these properties. */
 export function fromParts(parts) {
   if (parts.name === "PanicError") return new PanicError(parts);
   if (parts.name === "SpinneyError") return new SpinneyError(parts);

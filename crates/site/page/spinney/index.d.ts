@@ -1,38 +1,41 @@
 // Types of the package `spinney`.
 
-/** Where a file is: a URL, a path (under Node), a file that a user has chosen, its bytes, or somebody who reads it. */
+/**
+ * A file: a URL, a path (under Node), a file that a user has selected, its bytes, or an object that
+ * reads it.
+ */
 export type Source = string | URL | Blob | ArrayBuffer | Uint8Array | Reader;
 
-/** Somebody who reads ranges of a file: bytes from `start` to before `end`. */
+/** An object that reads ranges of a file: bytes from `start` to before `end`. */
 export interface Reader {
   name: string;
   size: number;
   read(start: number, end: number, signal?: AbortSignal): Promise<Uint8Array>;
 }
 
-/** Work of a question so far: times that something was waited for, requests, bytes that came. */
+/** Work of a query so far: batches, requests, and bytes received. */
 export interface Traffic {
   rounds: number;
   requests: number;
   bytes: number;
 }
 
-/** How a question is asked. */
+/** Options of queries. */
 export interface AskOptions {
-  /** Gives the question up, between two rounds or while one is fetched. */
+  /** Aborts the query, between two batches or during one. */
   signal?: AbortSignal;
-  /** Called after each round. */
+  /** Called after each batch. */
   progress?: (traffic: Traffic) => void;
 }
 
 export interface OpenOptions extends AskOptions {
-  /** Headers of requests, such as one with a token. */
+  /** Headers of requests, for example with a token. */
   headers?: HeadersInit;
-  /** Bytes of files elsewhere that are held, of all together: 64 MiB if nobody says otherwise. */
+  /** Size in bytes of the cache for remote files, shared by all of them; default 64 MiB. */
   cacheBytes?: number;
-  /** The layer, by its name or its number: the first if none is named. */
+  /** The layer, by name or number; default the first. */
   layer?: string | number;
-  /** The commit of an `.autumn` file: the newest if none is named. */
+  /** The commit of an `.autumn` file; default the newest. */
   commit?: number;
 }
 
@@ -40,9 +43,9 @@ export type SampleType = "u8" | "i8" | "u16" | "i16" | "u32" | "i32" | "u64" | "
 export type Samples =
   | Uint8Array | Int8Array | Uint16Array | Int16Array | Uint32Array | Int32Array
   | BigUint64Array | BigInt64Array | Float32Array | Float64Array;
-/** A sample: of types of 64 bits a BigInt. */
+/** A sample; a BigInt for 64-bit types. */
 export type Sample = number | bigint;
-/** A number of cells: a BigInt where it is larger than 2^53. */
+/** A number of cells; a BigInt if it is larger than 2^53. */
 export type Count = number | bigint;
 export type Colour = [red: number, green: number, blue: number, alpha: number];
 
@@ -54,15 +57,15 @@ export interface Class {
 
 export interface CrsInfo {
   name: string | null;
-  /** Number in the EPSG registry, where it has one. */
+  /** Number in the EPSG registry, if it has one. */
   epsg: number | null;
-  /** As it was defined. */
+  /** The unchanged definition. */
   definition: string;
 }
 
 export interface Commit {
   number: number;
-  /** Seconds since the beginning of 1970. */
+  /** Seconds since 1970. */
   time: number | null;
   author: string;
   message: string;
@@ -89,26 +92,29 @@ export interface Header {
   format: "goblin" | "autumnal";
   codec: "plain" | "packed";
   dimension: 2 | 3;
-  /** Cells along x, y, of volumes z. */
+  /** Cells along x and y, in volumes also z. */
   size: number[];
   /** The deepest level, whose cells are the file's. */
   depth: number;
-  /** Levels: 0 is one cell for everything. */
+  /** Number of levels; level 0 is a single cell. */
   levels: number;
   sampleType: SampleType;
   channels: number;
   /** Meaning of the values: "categorical", "continuous", ... */
   meaning: string;
-  /** How values of coarser levels are made. */
+  /** The rule that computes values of coarser levels. */
   rule: string;
   noData: Sample | null;
   crs: CrsInfo | null;
   unit: string | null;
-  /** Least and greatest coordinates, in the file's own system. */
+  /** Minimum and maximum coordinates, in the file's own system. */
   bounds: number[];
-  /** West, south, east and north in degrees, where they are known. */
+  /** West, south, east and north in degrees, if known. */
   geographicBounds: [number, number, number, number] | null;
-  /** GDAL's order is another: x = a column + b row + c, y = d column + e row + f. Of rasters. */
+  /**
+   * Order differs from GDAL's: x = a column + b row + c, y = d column + e row + f. Only for
+   * rasters.
+   */
   transform: [number, number, number, number, number, number] | null;
   matrix: number[][];
   channelNames: string[];
@@ -117,13 +123,13 @@ export interface Header {
   classes: Class[];
   tags: Record<string, string>;
   provenance: string[];
-  /** The layer that is open, and its number. */
+  /** The open layer, and its number. */
   layer: string;
   layerNumber: number;
   time: string | null;
   layers: LayerInfo[];
   commit: Commit | null;
-  /** Bytes of the file. */
+  /** Size of the file in bytes. */
   bytes: number;
   remark: string | null;
 }
@@ -146,53 +152,62 @@ export interface ModelHeader {
   bytes: number;
 }
 
-/** A part: cells of the deepest level (first ones, and those behind the last), or least and greatest coordinates. All if neither is given. */
+/**
+ * A region: cells of the deepest level (first ones, and exclusive ends), or minimum and maximum
+ * coordinates. The default is everything.
+ */
 export interface Part {
   cells?: number[];
   bounds?: number[];
-  /** The coordinates of `bounds`: "world" (the file's own, the default), "lonlat", "EPSG:NUMBER", or another definition. */
+  /**
+   * The coordinates of `bounds`: "world" (the file's own, the default), "lonlat", "EPSG:NUMBER", or
+   * another definition.
+   */
   crs?: string;
 }
 
-/** A level, or a number of cells along the longer axis: the coarsest level that has so many. The deepest level if neither is given. */
+/**
+ * A level, or a number of cells along the longer axis: the coarsest level that has at least as
+ * many. The default is the deepest level.
+ */
 export interface Detail {
   level?: number;
   size?: number;
 }
 
 export interface WindowRequest extends Part, Detail, AskOptions {
-  /** Channels that are wanted, from 0; all if none are named. */
+  /** Selected channels, from 0; default all. */
   channels?: number[];
-  /** The number that cells without a value get: `noData`, or 0, or NaN. */
+  /** The number for cells without a value: by default `noData`, or 0, or NaN. */
   fill?: number;
 }
 
 export interface Window {
-  /** Columns, rows, and (of volumes) layers. */
+  /** Columns, rows, and (in volumes) planes. */
   width: number;
   height: number;
   layers: number;
   channels: number;
   sampleType: SampleType;
-  /** Samples: row by row, those of a cell together. */
+  /** Samples, row by row; those of a cell are contiguous. */
   data: Samples;
   /** 1 for each cell that has a value, 0 for those that have none. Missing if all have one. */
   mask?: Uint8Array;
   level: number;
-  /** Cells of the deepest level that are covered: first ones, and those behind the last. */
+  /** Covered cells of the deepest level: first ones, and exclusive ends. */
   cells: number[];
-  /** Their least and greatest coordinates. */
+  /** Their minimum and maximum coordinates. */
   bounds: number[];
 }
 
 export interface PointValue {
-  /** The first channel's sample; null where there is no value. */
+  /** The first channel's sample; null without a value. */
   value: Sample | null;
   values: Sample[] | null;
   className: string | null;
   cell: number[] | null;
   level: number;
-  /** Whether the place is outside of the picture. */
+  /** Whether the position is outside of the raster. */
   isOutside: boolean;
 }
 
@@ -200,9 +215,9 @@ export interface ClassCount {
   value: Sample;
   name: string | null;
   cells: Count;
-  /** Of rasters. */
+  /** Only for rasters. */
   area_m2?: number | null;
-  /** Of volumes, in the cube of the world's unit. */
+  /** Only for volumes, in cubic world units. */
   volume?: number | null;
 }
 
@@ -217,9 +232,9 @@ export interface Statistics {
   cells: Count;
   void_cells: Count;
   void_share: number | null;
-  /** Of rasters. */
+  /** Only for rasters. */
   area_m2?: number | null;
-  /** Of volumes, in the cube of `unit`, the unit of the world. */
+  /** Only for volumes, in the cube of `unit`, the world unit. */
   volume?: number | null;
   unit?: string | null;
   channels: { cells: Count; min: Sample; max: Sample; mean: number; standard_deviation: number }[];
@@ -247,9 +262,9 @@ export interface ZoneStatistics {
   void_cells: number;
   void_share: number | null;
   outside_cells: number;
-  /** Of rasters. */
+  /** Only for rasters. */
   area_m2?: number | null;
-  /** Of volumes, in the cube of `unit`, the unit of the world. */
+  /** Only for volumes, in the cube of `unit`, the world unit. */
   volume?: number | null;
   unit?: string | null;
   channels: ZoneChannel[];
@@ -260,20 +275,26 @@ export interface Zone extends Partial<ZoneStatistics> {
   id: unknown;
   name: string | null;
   properties: Record<string, unknown>;
-  /** Of several layers, if these were asked for. */
+  /** Statistics per layer, if several were requested. */
   layers?: (ZoneStatistics & { layer: string; time: string | null })[];
 }
 
 export interface ZonalRequest extends AskOptions {
-  /** Coordinates of the corners, if they are not what the GeoJSON says: longitude and latitude, or its member `crs`. */
+  /**
+   * Coordinates of the vertices, if they are not those of the GeoJSON: longitude and latitude, or
+   * its member `crs`.
+   */
   crs?: string;
-  /** Which cells at an edge count: each by the part that is inside ("area", the default), those whose centre is, or all. */
+  /**
+   * Which cells at an edge count: each by its share inside ("area", the default), those whose
+   * centre is inside, or all that touch.
+   */
   edge?: "area" | "centre" | "touch";
-  /** Measures for which all values are read: "majority", "minority", "variety", "median". */
+  /** Measures that read all values: "majority", "minority", "variety", "median". */
   measures?: string[];
   /** Quantiles from 0 to 1. */
   quantiles?: number[];
-  /** Layers that are asked. */
+  /** Requested layers. */
   layers?: string[];
 }
 
@@ -283,13 +304,13 @@ export interface FoundBlock {
   min: Count[];
   size: Count[];
   world: [number[], number[]];
-  /** Missing (null) where the block has several values. */
+  /** Missing (null) if the block has several values. */
   value: Sample | null;
 }
 
 export interface FindRequest extends Part, AskOptions {
   where: { above: number } | { below: number } | { equal: number };
-  /** Blocks at most: 10,000 if nobody says otherwise. */
+  /** Maximum number of blocks; default 10,000. */
   limit?: number;
   /** The largest blocks, instead of the first. */
   largest?: number;
@@ -301,10 +322,10 @@ export interface Difference {
   added: Count;
   removed: Count;
   changed: Count;
-  /** All three. */
+  /** The sum of all three. */
   changedCells: Count;
   blockCount: Count;
-  /** Blocks in which the commits differ, uniform in both: as many as were asked for. */
+  /** Differing blocks that are uniform in both commits, up to the requested number. */
   blocks: { min: number[]; size: number[]; world: [number[], number[]]; before: Sample | null; after: Sample | null }[];
 }
 
@@ -322,31 +343,34 @@ export interface MeshRequest extends Part, AskOptions {
 }
 
 export interface Mesh {
-  /** The place that is to be added to all positions. */
+  /** The origin, which must be added to all positions. */
   origin: [number, number, number];
   positions: Float32Array;
   indices: Uint32Array;
   level: number;
 }
 
-/** A style: its name ("viridis", "terrain", "hillshade", ...), or its document (docs/styles.md of the project). */
+/**
+ * A style: its name ("viridis", "terrain", "hillshade", ...), or its document (docs/styles.md of
+ * the project).
+ */
 export type Style = string | object;
 
-/** Where there is no `ImageData`, as under Node. */
+/** Used without `ImageData`, as under Node. */
 export interface Pixels {
   width: number;
   height: number;
   data: Uint8ClampedArray;
 }
 
-/** Pixels, and where they lie. */
+/** Pixels with their level and bounds. */
 export type Picture = (ImageData | Pixels) & { level: number; cells: number[]; bounds: number[] };
 
 export interface Legend {
   title: string;
   sections: {
     title: string;
-    /** `value` is null where a colour is not that of a class. */
+    /** `value` is null if a colour is not that of a class. */
     classes?: { value: number | null; label: string; colour: Colour }[];
     ramp?: { stops: Colour[]; ticks: { at: number; label: string }[] };
   }[];
@@ -354,11 +378,14 @@ export interface Legend {
 
 interface Opened<H> {
   readonly header: H;
-  /** Remarks on the file and its host: that it was read whole, say. */
+  /** Remarks on the file and its host: that it was read whole, for example. */
   readonly warnings: string[];
-  /** Opens the file anew if it is another one by now, as when there are new commits; says whether it was. */
+  /**
+   * Opens the file again if it has changed, for example if there are new commits; returns whether
+   * it has.
+   */
   refresh(options?: AskOptions): Promise<boolean>;
-  /** Gives the memory back. */
+  /** Releases the memory. */
   close(): void;
 }
 
@@ -367,35 +394,35 @@ export interface Dataset extends Opened<Header> {
   window(request?: WindowRequest): Promise<Window>;
   point(place: ArrayLike<number>, options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue>;
   points(places: ArrayLike<number>[], options?: { crs?: string; level?: number } & AskOptions): Promise<PointValue[]>;
-  /** Exact statistics of a part. */
+  /** Exact statistics of a region. */
   stats(request?: Part & { bins?: number } & AskOptions): Promise<Statistics>;
-  /** Exact statistics of a polygon, each cell by the part that is inside. */
+  /** Exact statistics of a polygon; each cell counts by its share inside. */
   stats(request: { geometry: object | string } & ZonalRequest): Promise<Zone>;
   /** Exact statistics of each polygon of a GeoJSON. */
   zonal(zones: object | string, request?: ZonalRequest): Promise<{ zones: Zone[] }>;
   histogram(request?: Part & { bins?: number; low?: number; high?: number } & AskOptions): Promise<{ low: number | null; high: number | null; bins: Bin[] }>;
-  /** Blocks all of whose cells meet a condition on the first channel. */
+  /** Blocks whose cells all meet a condition on the first channel. */
   find(request: FindRequest): Promise<{ blocks: FoundBlock[]; isAll: boolean }>;
-  /** A picture of a part in a style. Its pixels are the cells of the level. */
+  /** An image of a region in a style. Its pixels are the cells of the level. */
   image(request?: Part & Detail & { style?: Style } & AskOptions): Promise<Picture>;
-  /** A tile of web maps, or of the file's own square; null where nothing is there. */
+  /** A tile of web maps, or of the file's own square; null if it is empty. */
   tile(request: { x: number; y: number; z: number; grid?: "web-mercator" | "native"; size?: number; style?: Style } & AskOptions): Promise<ImageData | Pixels | null>;
   /** Meaning of the colours of a style. */
   legend(request?: { style?: Style } & AskOptions): Promise<Legend>;
   openLayer(layer: string | number, options?: AskOptions): Promise<Dataset>;
   openCommit(commit: number, options?: AskOptions): Promise<Dataset>;
-  /** The commits of an `.autumn` file, the newest first. */
+  /** The commits of an `.autumn` file, newest first. */
   commits(options?: { limit?: number } & AskOptions): Promise<Commit[]>;
   diff(from: number, to?: number, options?: Part & { limit?: number } & AskOptions): Promise<Difference>;
   /** A slice of a volume: columns and rows are the other two axes, in their order. */
   slice(request: SliceRequest): Promise<Window>;
-  /** Its colours in a style, with the highest cells at the top where it is seen from the side. */
+  /** Its colours in a style; a vertical slice has the highest cells at the top. */
   slice(request: SliceRequest & { style: Style }): Promise<Picture>;
-  /** Longitudes and latitudes of places in the file's own system; null where there are none. */
+  /** Longitudes and latitudes of positions in the file's own system; null if there are none. */
   geographic(places: ArrayLike<number>[], options?: AskOptions): Promise<([number, number] | null)[]>;
   /** The surface of a volume's level as triangles. */
   mesh(request?: MeshRequest): Promise<Mesh>;
-  /** Whether a place is in the solid. */
+  /** Whether a position is in the solid. */
   contains(place: ArrayLike<number>, options?: { level?: number } & AskOptions): Promise<boolean>;
 }
 
@@ -421,31 +448,40 @@ export interface Section {
 /** An exact model. */
 export interface Model extends Opened<ModelHeader> {
   measures(options?: AskOptions): Promise<Measures>;
-  /** Whether a place is in the body or on its surface. */
+  /** Whether a position is in the body or on its surface. */
   contains(place: ArrayLike<number>, options?: AskOptions): Promise<boolean>;
   locate(place: ArrayLike<number>, options?: AskOptions): Promise<"inside" | "outside" | "boundary">;
-  /** Where a plane cuts the model: across an axis at a coordinate, or the points whose product with a normal is `at`. */
+  /**
+   * The section of the model by a plane: across an axis at a coordinate, or the points whose
+   * product with a normal is `at`.
+   */
   section(request: ({ axis: "x" | "y" | "z" } | { normal: [number, number, number] }) & { at: number } & AskOptions): Promise<Section>;
-  /** All faces as triangles: nine numbers each, from an origin on, and the number of the object (in `names`) of each. */
+  /**
+   * All faces as triangles: nine numbers each, relative to an origin, and the object number of each
+   * (index into `names`).
+   */
   triangles(options?: AskOptions): Promise<{ origin: [number, number, number]; triangles: number; names: string[]; positions: Float32Array; objects: Uint32Array }>;
 }
 
-/** Results of `open`, for `instanceof`. (What `openInWorker` gives has the same methods; `header.kind` tells the two apart everywhere.) */
+/**
+ * Classes of results of `open`, for `instanceof`. (Results of `openInWorker` have the same methods;
+ * `header.kind` distinguishes the two in all cases.)
+ */
 export const Dataset: abstract new (...list: never[]) => Dataset;
 export const Model: abstract new (...list: never[]) => Model;
 
 /** Opens a file in this thread: under Node, or in a worker. */
 export function open(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
-/** Opens a file in a worker, which is started with the first: answers are handed over, not copied. */
+/** Opens a file in a worker; the first call starts it. Results are transferred, not copied. */
 export function openInWorker(source: Source, options?: OpenOptions): Promise<Dataset | Model>;
-/** Where the module may be: a URL, its bytes, a response, or a compiled one. */
+/** Source of the module: a URL, its bytes, a response, or a compiled module. */
 export type ModuleSource = string | URL | BufferSource | Response | WebAssembly.Module;
-/** Says where the module is. To be called before the first file is opened. */
+/** Sets the source of the module. Must be called before the first file is opened. */
 export function setModule(source: ModuleSource | Promise<ModuleSource>): void;
-/** Says how the worker of `openInWorker` is started. */
+/** Sets how the worker of `openInWorker` is started. */
 export function setWorker(start: () => Worker): void;
 
-/** A failure: its kind, which file, what was found there, what was expected, what to do. */
+/** A failure: its kind, the file, what was found there, what was expected, and advice. */
 export class SpinneyError extends Error {
   readonly code:
     | "corrupt" | "unsupported" | "no-tree" | "invalid" | "io" | "not-found" | "changed" | "too-large" | "no-body" | "panic" | "other";
@@ -455,5 +491,5 @@ export class SpinneyError extends Error {
   readonly expected?: string;
   readonly advice?: string;
 }
-/** The module came to an end in a way that it should not. It has been replaced: the next question works. */
+/** The module ended unexpectedly. It has been replaced: the next query works. */
 export class PanicError extends SpinneyError {}

@@ -1,4 +1,4 @@
-// Spinney: answers from tree files, wherever they are.
+// Spinney: queries of tree files, local or remote.
 
 export { open, Dataset, Model } from "./dataset.js";
 export { setModule } from "./engine.js";

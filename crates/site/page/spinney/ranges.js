@@ -1,11 +1,11 @@
-// Ranges of bytes: joined where they are near each other.
+// Byte ranges, joined if they are close to each other.
 
-/** Bytes between two ranges up to which these are fetched as one. */
+/** Maximum gap in bytes between two ranges that are fetched as one. */
 const GAP = 32 * 1024;
-/** Bytes that are fetched with one request, unless a single range has more. */
+/** Maximum bytes per request, unless a single range is larger. */
 const MAX_JOINED = 8 * 2 ** 20;
 
-/** Joins ranges that are near each other, to no more than so many bytes. */
+/** Joins ranges with small gaps, to at most `most` bytes each. */
 export function join(ranges, gap = GAP, most = MAX_JOINED) {
   const joined = [];
   for (const [start, end] of [...ranges].sort((a, b) => a[0] - b[0] || b[1] - a[1])) {
@@ -19,14 +19,14 @@ export function join(ranges, gap = GAP, most = MAX_JOINED) {
   return joined;
 }
 
-/** The ranges of so many bytes that lie between joined ones. */
+/** The gaps between joined ranges in a file of `length` bytes. */
 export function between(joined, length) {
   const starts = [0, ...joined.map(([, end]) => end)];
   const ends = [...joined.map(([start]) => start), length];
   return starts.map((start, at) => [start, ends[at]]).filter(([start, end]) => start < end);
 }
 
-/** Does work for each item, so many at a time. The first failure ends it. */
+/** Does work for each item, up to `most` at a time. The first failure ends it. */
 export async function each(items, most, work) {
   let next = 0;
   let failed = false;

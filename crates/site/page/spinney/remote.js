@@ -1,4 +1,4 @@
-// Datasets that are open in a worker, behind the same methods.
+// Datasets that are open in a worker, with the same methods.
 
 import { fromParts } from "./errors.js";
 import { picture } from "./pictures.js";
@@ -8,7 +8,7 @@ let worker;
 let next = 0;
 const waiting = new Map();
 
-/** Says how the worker is started, where it is not beside this file. */
+/** Sets how the worker is started, if it is not next to this file. */
 export function setWorker(make) {
   start = make;
 }
@@ -30,7 +30,7 @@ function theWorker() {
     else question.resolve(data.found);
   });
   listen("error", ({ message }) => {
-    // (It cannot go on: whoever waits is told, and the next question starts another one.)
+    // (The worker cannot continue: pending queries fail, and the next one starts another worker.)
     worker = undefined;
     for (const question of waiting.values()) {
       question.done();
@@ -41,7 +41,7 @@ function theWorker() {
   return worker;
 }
 
-/** Lets a worker read what this side reads, through a port. */
+/** Lets a worker read through a port what this thread reads. */
 function portOf(reader) {
   const { port1, port2 } = new MessageChannel();
   port1.onmessage = async ({ data: { id, start, end } }) => {
@@ -83,7 +83,7 @@ function call(of, method, list, { signal, progress } = {}, transferred = []) {
   });
 }
 
-/** An argument without what cannot be sent. */
+/** An argument without properties that cannot be sent. */
 function sendable(value) {
   if (value instanceof URL) return value.href;
   if (value === null || typeof value !== "object" || Object.getPrototypeOf(value) !== Object.prototype) return value;
@@ -91,7 +91,7 @@ function sendable(value) {
   return rest;
 }
 
-/** Options among arguments: the last one, if it has any. */
+/** The options among arguments: the last one, if it has any. */
 function optionsOf(list) {
   const last = list.at(-1);
   return last !== null && typeof last === "object" ? { signal: last.signal, progress: last.progress } : {};
@@ -120,13 +120,13 @@ class RemoteOpened {
   }
 }
 
-/** An answer: what was opened is behind methods, pictures are those of the platform. */
+/** Converts a result: opened objects get methods, images the platform's type. */
 function found(answer) {
   if (answer?.isPicture) return picture(answer.data, answer.width, answer.height, answer);
   return answer?.isOpened ? new RemoteOpened(answer) : answer;
 }
 
-/** Opens a file in a worker, which is started with the first. */
+/** Opens a file in a worker; the first call starts it. */
 export async function openInWorker(source, options = {}) {
   const base = globalThis.location?.href;
   const place = typeof source === "string" && base && !/^[a-z][a-z0-9+.-]+:/i.test(source) ? new URL(source, base).href : source;

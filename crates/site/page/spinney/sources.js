@@ -1,35 +1,38 @@
-// Where bytes come from: servers, files, memory.
+// Sources of bytes: servers, files, memory.
 
 import { SpinneyError } from "./errors.js";
 import * as engine from "./engine.js";
 import { between, each, join } from "./ranges.js";
 
-/** Requests at the same time. */
+/** Maximum number of concurrent requests. */
 const PARALLEL = 8;
-/** Bytes of a file that is read whole where its host does not serve ranges. */
+/** Maximum size in bytes of a file that is read whole because its host does not serve ranges. */
 const MAX_WHOLE = 64 * 2 ** 20;
-/** Bytes of a file of which all that is left is read when the half of it has been. */
+/** Maximum size in bytes of a file whose rest is read once half of it has been. */
 const MODERATE = 2 ** 23;
-/** Bytes of the beginning and of the end that are fetched when a file is opened. */
+/** Bytes of the start and of the end that are fetched when a file is opened. */
 const FIRST = 4096;
 const LAST = 65536;
-/** Times that everything else goes first, as long as more is asked meanwhile, before ranges are fetched. */
+/**
+ * Maximum number of event loop turns before ranges are fetched, while more ranges are still being
+ * requested.
+ */
 const MAX_TURNS = 32;
-/** Times that a request is repeated if the host is busy or the connection breaks. */
+/** Maximum retries of a request if the host is busy or the connection breaks. */
 const REPEATS = 3;
 
 const isNode = typeof process !== "undefined" && Boolean(process.versions?.node) && typeof document === "undefined";
 
-/** A file's bytes. `start` takes it up in the module; `fetch` supplies ranges of it. */
+/** The bytes of a file. `start` adds it to the module; `fetch` supplies ranges of it. */
 class Source {
-  /** The ranges that are gathered, and the end of those that are on their way. */
+  /** The batch that is being collected, and the end of the running ones. */
   #next = undefined;
   #before = Promise.resolve();
-  /** Ranges that have come since these were begun to be gathered. */
+  /** Ranges that have arrived since the newest batch was created. */
   #since = [];
-  /** Ranges that were fetched, joined. (Some may have given way to others since.) */
+  /** Fetched ranges, joined. (Some may have been evicted since.) */
   #fetched = [];
-  /** Bytes that came. */
+  /** Number of bytes that have arrived. */
   #came = 0;
 
   constructor(name) {
@@ -38,11 +41,11 @@ class Source {
     this.warnings = [];
     this.file = undefined;
     this.instance = -1;
-    /** Whether more may come behind what there is, as commits do. */
+    /** Whether bytes may be appended to the file, such as commits. */
     this.grows = false;
   }
 
-  /** Takes the file up in the module's present instance. */
+  /** Adds the file to the module's current instance. */
   add(length) {
     this.file = engine.addFile(this.name, length);
     this.instance = engine.instance();
@@ -55,20 +58,20 @@ class Source {
     this.length = bytes.length;
   }
 
-  /** Takes the file up once more, in another instance of the module. */
+  /** Adds the file again, to another instance of the module. */
   async resume() {
     this.add(this.length);
   }
 
   supply(offset, bytes) {
     this.#fetched = join([...this.#fetched, [offset, offset + bytes.length]], 0, Infinity);
-    // (If the instance was replaced meanwhile, nobody waits for them.)
+    // (If the instance was replaced meanwhile, no query waits for them.)
     if (this.instance === engine.instance()) engine.supply(this.file, offset, bytes);
   }
 
   /**
-   * Gets ranges. What is asked for while others are on their way waits for these, and then goes together, so that nothing comes twice. It goes on as long as
-   * somebody waits for it.
+   * Fetches ranges. Requests that arrive while a batch is running form the next batch, so that no
+   * range is fetched twice. A batch runs as long as a query waits for it.
    */
   async fetch(ranges, signal) {
     const batch = (this.#next ??= this.#gather());
@@ -86,16 +89,16 @@ class Source {
       batch.waiting -= 1;
       if (batch.waiting === 0) batch.control.abort();
     }
-    // (It counts for one of those who wait.)
+    // (One of the waiting queries accounts for it.)
     return batch.came.splice(0).reduce((sum, bytes) => ({ requests: sum.requests + 1, bytes: sum.bytes + bytes }), { requests: 0, bytes: 0 });
   }
 
-  /** Ranges that go together when those before them have come. */
+  /** Collects ranges for a batch, which starts when the one before has ended. */
   #gather() {
     const batch = { ranges: [], waiting: 0, control: new AbortController(), came: [] };
     const { signal } = batch.control;
     batch.done = this.#before.then(async () => {
-      // (Whoever has been asked something is heard first: what several questions lack at the beginning comes together, too.)
+      // (Pending queries run first, so that the initial ranges of several queries form one batch.)
       for (let [gathered, time] = [0, 0]; gathered < batch.ranges.length && time < MAX_TURNS; time += 1) {
         gathered = batch.ranges.length;
         await turn();
@@ -112,8 +115,9 @@ class Source {
         batch.came.push(end - start);
       });
     });
-    // A question lists what it lacks when it is asked. What those before it have fetched between then and now it has listed in vain: each batch has a list
-    // of what came since it was begun, and those before it write to that of the newest.
+    // A query lists missing ranges when it is tried. Some of these may arrive with an earlier batch
+    // before its own starts: each batch has a list of what arrived since it was created, and
+    // earlier batches append to the newest list.
     batch.since = this.#since = [];
     this.#before = batch.done.catch(() => {});
     return batch;
@@ -129,7 +133,10 @@ class Source {
     this.supply(start, part);
   }
 
-  /** The end of what may be read ahead behind a place, up to an offset: where something begins that was fetched before. */
+  /**
+   * The end of read-ahead after an offset, at most `most`: the start of a range that was fetched
+   * before.
+   */
   aheadOf(place, most) {
     if (this.#fetched.some(([start, end]) => start <= place && place < end)) return place;
     return Math.min(most, this.length, ...this.#fetched.map(([start]) => start).filter((start) => start > place));
@@ -175,7 +182,7 @@ class MemorySource extends Source {
   }
 }
 
-/** A Blob, or a File that a user has chosen. */
+/** A Blob, or a File that a user has selected. */
 class BlobSource extends Source {
   constructor(blob) {
     super(blob.name || "(blob)");
@@ -200,7 +207,7 @@ class BlobSource extends Source {
   }
 }
 
-/** Ranges that somebody else reads: `{ name, size, read(start, end, signal) }`. */
+/** Ranges that a caller's object reads: `{ name, size, read(start, end, signal) }`. */
 class ReaderSource extends Source {
   constructor(reader) {
     super(String(reader.name ?? "(reader)"));
@@ -225,10 +232,10 @@ class ReaderSource extends Source {
   }
 }
 
-/** Closes files of datasets that nobody has closed, and nobody has any more. */
+/** Closes the files of datasets that were garbage-collected without being closed. */
 const forgotten = new FinalizationRegistry((handle) => handle.close().catch(() => {}));
 
-/** A file of this machine, under Node. */
+/** A local file, under Node. */
 class DiskSource extends Source {
   constructor(path) {
     super(path);
@@ -259,7 +266,7 @@ class DiskSource extends Source {
 
   async fetch(ranges, signal) {
     const found = await super.fetch(ranges, signal);
-    // (Behind the reads, so that what they brought is of the state that was opened.)
+    // (After the reads, so that they are verified to be of the opened version.)
     const now = await this.look();
     if (now.size > this.stamp.size && this.grows) return found;
     if (now.size !== this.stamp.size) throw this.changed(now.size < this.stamp.size ? "was cut short" : "has grown");
@@ -300,14 +307,14 @@ class HttpSource extends Source {
     this.headers = headers;
   }
 
-  /** Asks for a range, or for all. */
+  /** Requests a range, or the whole file. */
   async request(range, signal) {
     const headers = new Headers(this.headers);
     if (range) headers.set("Range", range);
     for (let time = 0; ; time += 1) {
       let response;
       try {
-        // (What a cache has may be of an older state, and parts of two states make no file.)
+        // (Cached responses may be of an older version; ranges of two versions do not form a file.)
         response = await fetch(this.url, { headers, signal, cache: "no-store" });
       } catch (error) {
         signal?.throwIfAborted();
@@ -321,7 +328,7 @@ class HttpSource extends Source {
   }
 
   async start(signal) {
-    // (A suffix needs no length, but asks other hosts for permission first.)
+    // (A suffix range needs no length, but other origins require a CORS preflight for it.)
     const isNear = typeof location === "undefined" || new URL(this.url).origin === location.origin;
     const wantsTail = isNear && !new URL(this.url).pathname.endsWith(".autumn");
     const later = new AbortController();
@@ -339,7 +346,7 @@ class HttpSource extends Source {
       }
       const first = new Uint8Array(await response.arrayBuffer());
       if (first.length !== place.end - place.start) {
-        // The host packs what it sends, and does not tell.
+        // The host compresses the response without saying so.
         later.abort();
         await this.whole(undefined, true, signal);
         return;
@@ -354,7 +361,7 @@ class HttpSource extends Source {
     }
   }
 
-  /** The first range and the file's length, where the host does not let other origins see them. */
+  /** The first range and the file's length, if the host does not expose them to other origins. */
   async unseenRange(signal) {
     const response = await fetch(this.url, { method: "HEAD", headers: this.headers, signal, cache: "no-store" }).catch(() => undefined);
     signal?.throwIfAborted();
@@ -362,7 +369,7 @@ class HttpSource extends Source {
     return length > 0 ? { start: 0, end: Math.min(FIRST, length), length } : undefined;
   }
 
-  /** Takes the end of the file, if the host has understood. */
+  /** Adds the file's tail, if the host supports suffix ranges. */
   async startTail(response, length) {
     const place = contentRange(response);
     if (response.status !== 206 || place?.length !== length) {
@@ -373,7 +380,7 @@ class HttpSource extends Source {
     if (bytes.length === place.end - place.start && this.isSame(response)) this.supply(place.start, bytes);
   }
 
-  /** Reads all of a file whose host does not serve ranges of it. */
+  /** Reads a whole file whose host does not serve ranges. */
   async whole(response, isCompressed, signal) {
     const why = isCompressed ? "the host compresses it" : "the host does not serve ranges of it";
     let found = response;
@@ -433,7 +440,7 @@ class HttpSource extends Source {
     throw new SpinneyError({ code: response.status === 404 ? "not-found" : "io", message: `${this.name}: ${why}`, file: this.name });
   }
 
-  /** Whether an answer is of the state that was opened, as far as the host tells. */
+  /** Whether a response is of the opened version, as far as its headers show. */
   isSame(response) {
     const now = stateOf(response);
     return !Object.keys(now).some((name) => this.state[name] && now[name] && this.state[name] !== now[name]);
@@ -479,7 +486,7 @@ class HttpSource extends Source {
   }
 }
 
-/** Headers that tell states of a file apart, of those that the host lets be seen. */
+/** Headers that distinguish versions of a file, if the host exposes them. */
 function stateOf(response) {
   const state = {};
   for (const name of ["etag", "last-modified"]) {
@@ -489,18 +496,18 @@ function stateOf(response) {
   return state;
 }
 
-/** The range that an answer has, and the file's length. */
+/** The range in a response, and the file's length. */
 function contentRange(response) {
   const found = /^bytes (\d+)-(\d+)\/(\d+)$/.exec(response.headers.get("content-range") ?? "");
   return found ? { start: Number(found[1]), end: Number(found[2]) + 1, length: Number(found[3]) } : undefined;
 }
 
-/** A signal that is given if one of two is. */
+/** A signal that aborts if one of two does. */
 function any(first, second) {
   return first ? AbortSignal.any([first, second]) : second;
 }
 
-/** Lets everything go first that waits already. */
+/** Waits for one turn of the event loop. */
 const turn = () => new Promise((resolve) => setTimeout(resolve));
 
 function pause(milliseconds, signal) {
@@ -517,7 +524,7 @@ function pause(milliseconds, signal) {
   });
 }
 
-/** The source that a user means; it knows how to be opened again. */
+/** The source for a user's argument; it can be opened again. */
 export function sourceOf(source, options = {}) {
   const found = meant(source, options);
   found.again = () => sourceOf(source, options);

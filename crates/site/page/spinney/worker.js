@@ -1,10 +1,10 @@
-// The worker of `openInWorker`: datasets that are open here are asked by messages.
+// The worker of `openInWorker`: queries its open datasets on request by messages.
 
 import { Dataset, Model, open } from "./dataset.js";
 import { setModule } from "./engine.js";
 import { toParts } from "./errors.js";
 import { packed } from "./pictures.js";
-// (Named here, so that they come together with those that need them.)
+// (Imported here, so that they load together with the modules that need them.)
 import "./module.js";
 import "./ranges.js";
 import "./sources.js";
@@ -12,7 +12,7 @@ import "./sources.js";
 const isNode = typeof self === "undefined";
 const port = isNode ? (await import(/* webpackIgnore: true */ /* @vite-ignore */ "node:worker_threads")).parentPort : self;
 
-/** Methods that the other side can ask for, and which argument has the options. */
+/** Methods that can be called by messages, and the index of the argument with the options. */
 const METHODS = {
   Dataset: {
     window: 0, point: 1, points: 1, stats: 0, zonal: 1, histogram: 0, find: 0, openLayer: 1, openCommit: 1, commits: 0,
@@ -21,23 +21,23 @@ const METHODS = {
   Model: { measures: 0, locate: 1, contains: 1, section: 0, triangles: 0 },
 };
 
-/** The methods of something that is open. */
+/** The methods of an open object. */
 const methodsOf = (dataset) => METHODS[dataset instanceof Model ? "Model" : "Dataset"];
 
 const opened = new Map();
 const running = new Map();
-/** Takes the module that was said to come. */
+/** Resolves the promise of the announced module. */
 let arrived;
 let next = 0;
 
-/** A dataset that was opened, as the other side knows it. */
+/** Registers an opened dataset; returns its description for the other thread. */
 function keep(dataset) {
   next += 1;
   opened.set(next, dataset);
   return { isOpened: true, number: next, header: dataset.header, warnings: dataset.warnings, methods: Object.keys(methodsOf(dataset)) };
 }
 
-/** A source whose ranges come through a port. */
+/** A source whose ranges arrive through a port. */
 function readerOf({ name, size, port: from }) {
   const asked = new Map();
   let next = 0;
@@ -75,7 +75,7 @@ async function answer({ of, method, list, options }) {
   return found instanceof Dataset || found instanceof Model ? keep(found) : packed(found);
 }
 
-/** Arrays that are handed over instead of being copied. */
+/** Arrays that are transferred instead of being copied. */
 function transferred(found) {
   const buffers = new Set();
   for (const value of Object.values(found ?? {})) {
@@ -90,7 +90,8 @@ async function take(message) {
     return;
   }
   if ("module" in message) {
-    // (It is nowhere that the worker could find it, or somebody has it already: the first message brings it, or says that a later one does.)
+    // (The worker cannot find the module itself, or it is loaded already: the first message
+    // contains it, or announces a later one.)
     if (arrived) arrived(message.module);
     else setModule(message.module);
     return;
