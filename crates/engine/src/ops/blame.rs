@@ -1,4 +1,4 @@
-//! The commit that changed each cell last.
+//! Commit that last changed each cell.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -14,11 +14,12 @@ use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::{FileReference, Metadata, Tag};
 
-/// Writes a tree of the numbers of the commits that changed each cell of an Autumnal file last, from its first commit to the newest
-/// or, of `FILE@N`, to that one; cells that no commit has given a value are VOID. Coarse cells have the newest commit below them.
+/// Writes a tree with the number of the commit that last changed each cell of an Autumnal file,
+/// from its first commit to the newest or, for `FILE@N`, to that one. Cells that no commit has
+/// given a value are VOID. Coarse cells have the newest commit below them.
 ///
-/// Records that commits have in common are read once: time goes with the tree's nodes and with what was changed, memory with the number of
-/// commits, of each of which the root is held.
+/// Records that commits share are read once. Time is proportional to the tree's nodes and the
+/// number of changes, memory to the number of commits, whose roots are held.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -32,11 +33,11 @@ use spinney_container::{FileReference, Metadata, Tag};
 /// # Ok::<(), spinney::Error>(())
 /// ```
 ///
-/// The file is opened with the [access](Output::access) of the output.
+/// The file is opened with the output's [access](Output::access).
 ///
 /// # Errors
-/// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output cannot be written, or on
-/// interruption.
+/// If it is no Autumnal file, cannot be read, has a commit whose number is 2^32 or more, the output
+/// cannot be written, or on cancellation.
 pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Progress) -> Result<()> {
     let options = output.access().into();
     let asked = TreeFile::open_only(path, &options)?;
@@ -55,7 +56,7 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
             progress.check()?;
             let place = FileReference { commit: Some(number), ..place.clone() };
             let other = TreeFile::at(&place, &options)?;
-            // (Trees of other depths have nothing in common.)
+            // (Trees of different depths share no nodes.)
             if other.depth() != depth {
                 let found = format!("{} levels at commit {number}", other.depth());
                 let expected = format!("{depth}, as commit {last} has");
@@ -66,12 +67,12 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
     }
     commits.reverse();
     let form = TreeType::new(asked.form().dimension, ValueType::new(SampleType::U32, 1));
-    // (Records are where they are in the file, whichever commit leads to them.)
+    // (A record's position in the file does not depend on the commit.)
     let file = TreeFile::at(&FileReference { commit: None, ..place }, &options)?;
     let ages = Ages { file, commits, form, depth };
     let own = asked.metadata();
     let provenance = vec![format!("commits that changed the cells of {} last", path.display())];
-    // (All that tells where the cells lie, and nothing of what their values meant.)
+    // (Keeps the georeferencing, and drops the meaning of the values.)
     let mut metadata = Metadata {
         frame: own.frame.clone(),
         control_points: own.control_points.clone(),
@@ -88,19 +89,20 @@ pub fn blame(path: &Path, output: Output, how: WriteOptions, progress: &dyn Prog
     history.check_unchanged()
 }
 
-/// The numbers of the commits that changed each cell last.
+/// Numbers of the commits that last changed each cell.
 struct Ages {
     file: TreeFile,
-    /// Numbers and roots, the oldest first.
+    /// Numbers and roots, oldest first.
     commits: Vec<(u64, Child<TreeFileNode>)>,
     form: TreeType,
     depth: u8,
 }
 
-/// States of a node, the oldest first, each with the commit that it began with.
+/// States of a node, oldest first, each with the commit that it began with.
 ///
-/// Invariant: each is another one than the one before, as far as records tell. So the last of them began with the commit that
-/// changed the node last, if all are uniform; if one is INNER, its children are asked in the same way, down to cells.
+/// Invariant: consecutive states differ, as far as records show. If all are uniform, the last one
+/// began with the commit that last changed the node. If one is INNER, its children are compared in
+/// the same way, down to cells.
 #[derive(Clone)]
 struct States(Arc<[(usize, Child<TreeFileNode>)]>);
 
@@ -111,7 +113,8 @@ impl Ages {
         value.ok_or_else(|| Error::invalid("number of a commit", number.to_string(), "less than 2^32"))
     }
 
-    /// Whether a node is the same in two commits, as far as it can be told without looking below it.
+    /// Whether a node is the same in two commits, as far as can be decided without visiting its
+    /// children.
     fn is_same(&self, a: &(usize, Child<TreeFileNode>), b: &(usize, Child<TreeFileNode>)) -> bool {
         match (&a.1, &b.1) {
             (Child::Void, Child::Void) => true,
@@ -121,7 +124,7 @@ impl Ages {
         }
     }
 
-    /// The node that has had some states.
+    /// Node with these states.
     fn node(&self, mut states: Vec<(usize, Child<TreeFileNode>)>) -> Result<Child<States>> {
         states.dedup_by(|next, before| self.is_same(before, next));
         let Some((last, newest)) = states.last() else { return Ok(Child::Void) };
@@ -129,7 +132,7 @@ impl Ages {
             let representative = self.number(*last)?;
             return Ok(Child::Inner { representative, node: States(states.into()) });
         }
-        // (What has been nothing all the time has no age.)
+        // (A node that was VOID in all commits has no age.)
         if states.len() == 1 && matches!(newest, Child::Void) {
             return Ok(Child::Void);
         }

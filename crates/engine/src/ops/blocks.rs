@@ -1,4 +1,5 @@
-//! Blocks of computed cells with the nodes above these, for those who walk nodes: each block is computed once.
+//! Cache of computed blocks of cells with the nodes above these, for traversals by node: each block
+//! is computed once.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,29 +11,30 @@ use spinney_base::{Result, TreeType};
 /// Levels below a block of a quadtree, and of an octree.
 pub(super) const BLOCK_LEVELS: [u8; 2] = [8, 5];
 
-/// A way to draw a box of nodes so many levels above the cells: values, and which of them there are.
+/// Draws a box of nodes of the level that is the given number above the cells: values, and which of
+/// them are valid.
 pub(super) type DrawLevel<'a> = dyn FnMut(u8, &Bounds, &mut [u8], &mut [bool]) -> Result<()> + 'a;
 
-/// Blocks that are kept.
+/// Number of cached blocks.
 const KEPT: usize = 16;
 
-/// A block's nodes, level by level from the cells up.
+/// Nodes of a block, level by level from the cells up.
 pub(super) struct Block {
     levels: Vec<BlockLevel>,
     axes: usize,
     width: usize,
 }
 
-/// Nodes of a level, in rows.
+/// Nodes of one level, in rows.
 struct BlockLevel {
     states: Vec<NodeState>,
-    /// Values of LEAFs, and of all others what the level's own numbers make.
+    /// Values of LEAFs. All other values are computed from the samples of this level.
     values: Vec<u8>,
 }
 
 impl Block {
-    /// The cells of a node with so many levels below it, and all between: cells decide what is uniform, the numbers of each level make
-    /// representatives.
+    /// Draws the cells of a node with `height` levels below it, and all levels between. Cells
+    /// decide which nodes are uniform; representatives are computed from the samples of each level.
     pub(super) fn new(form: TreeType, (code, height): (Code, u8), draw: &mut DrawLevel<'_>) -> Result<Block> {
         let (axes, width) = (form.axes(), form.width());
         let mut block = Block { levels: Vec::with_capacity(usize::from(height)), axes, width };
@@ -55,7 +57,8 @@ impl Block {
         Ok(block)
     }
 
-    /// The children of a node of the block, so many levels above its cells, given by its place among the nodes of its level.
+    /// Writes the children of a node that is `above` levels above the cells. The node's code gives
+    /// its position among the nodes of its level.
     fn children(&self, code: Code, above: u8, children: &mut Children<Code>) {
         let level = &self.levels[usize::from(above) - 1];
         let side = 1usize << (self.levels.len() - (usize::from(above) - 1));
@@ -78,7 +81,7 @@ fn index(place: [usize; 3], side: usize, axes: usize) -> usize {
 }
 
 impl BlockLevel {
-    /// Sets the states of nodes, of which there are so many along each axis, by those of their children.
+    /// Sets the states of the level's nodes, `side` along each axis, from those of their children.
     fn settle(&mut self, below: &BlockLevel, (axes, width): (usize, usize), side: usize) {
         let steps: Vec<usize> = (0..1usize << axes)
             .map(|step| index([step & 1, step >> 1 & 1, step >> 2 & 1], 2 * side, axes))
@@ -99,7 +102,7 @@ impl BlockLevel {
             if is_uniform {
                 own.copy_from_slice(value(first));
             } else if was_void {
-                // (Something has to stand for it.)
+                // (Node has data: its representative is the first child that is present.)
                 let present = steps.iter().find(|step| below.states[first + *step] != NodeState::Void);
                 present.into_iter().for_each(|step| own.copy_from_slice(value(first + step)));
             }
@@ -107,15 +110,16 @@ impl BlockLevel {
     }
 }
 
-/// Blocks that were used last.
+/// Most recently used blocks.
 #[derive(Default)]
 pub(super) struct Blocks(Mutex<Vec<(Code, Arc<Block>)>>);
 
 impl Blocks {
-    /// The children of a node at or below the level of blocks, of a tree of so many levels, whose blocks are made in some way.
+    /// Writes the children of a node at or below the block level of a tree with `depth` levels.
+    /// `make` computes missing blocks.
     ///
     /// # Errors
-    /// If a block cannot be made.
+    /// If a block cannot be computed.
     pub(super) fn children(
         &self,
         (depth, block_level): (u8, u8),
@@ -127,7 +131,8 @@ impl Blocks {
         let block = match self.kept(code) {
             Some(block) => block,
             None => {
-                // (Without the lock: others may go on, and at worst two compute the same.)
+                // (Without the lock: other threads continue, and in the worst case two compute the
+                // same block.)
                 let block = Arc::new(make(code)?);
                 let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
                 if kept.len() >= KEPT {
@@ -141,7 +146,7 @@ impl Blocks {
         Ok(())
     }
 
-    /// A block, which becomes the last that was used.
+    /// Cached block, which becomes the most recently used.
     fn kept(&self, code: Code) -> Option<Arc<Block>> {
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let index = kept.iter().rposition(|(other, _)| *other == code)?;

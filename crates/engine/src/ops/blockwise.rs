@@ -1,4 +1,5 @@
-//! Trees that somebody else makes, block by block: what the engine does not know how to make, such as features.
+//! Trees that a [`BlockSource`] computes block by block: for sources that the engine has no code
+//! for, such as rasterized features.
 
 use std::path::{Path, PathBuf};
 
@@ -9,23 +10,24 @@ use spinney_base::space::{Bounds, Code, Dimension};
 use spinney_base::{Result, TreeType};
 use spinney_container::{Header, Metadata};
 
-/// Maker of the cells of a quadtree.
+/// Computes the cells of a quadtree.
 pub trait BlockSource: Send + Sync {
-    /// A node at the level of blocks, eight levels above the cells, or above it; the root, if there are fewer levels.
+    /// Node at the block level (eight levels above the cells) or above it; only the root if the
+    /// tree has fewer levels.
     ///
     /// # Errors
-    /// If it cannot be made.
+    /// If it cannot be computed.
     fn node(&self, code: Code) -> Result<Child<Code>>;
 
-    /// The cells of an INNER node at the level of blocks.
+    /// Cells of an INNER node at the block level.
     ///
     /// # Errors
-    /// If they cannot be made.
+    /// If they cannot be computed.
     fn block(&self, code: Code) -> Result<CellBlock>;
 }
 
-/// A quadtree that is made block by block, when somebody asks for it; with the header and metadata that a file of it has. Memory: sixteen
-/// blocks, for those who walk nodes.
+/// Quadtree that is computed block by block, on request, with the header and metadata that its file
+/// would have. Memory: sixteen blocks, to speed up traversals by node.
 pub struct Blockwise {
     tree: Box<dyn BlockSource>,
     name: PathBuf,
@@ -35,26 +37,26 @@ pub struct Blockwise {
 }
 
 impl Blockwise {
-    /// A tree with a name for messages.
+    /// Tree with a name for messages.
     ///
     /// # Panics
-    /// If it is said to be an octree.
+    /// If the header is that of an octree.
     pub fn new(tree: Box<dyn BlockSource>, name: &Path, header: Header, metadata: Metadata) -> Blockwise {
         assert_eq!(header.form.dimension, Dimension::Quad, "blocks are of quadtrees");
         Blockwise { tree, name: name.into(), header, metadata, blocks: Blocks::default() }
     }
 
-    /// The name for messages.
+    /// Name for messages.
     pub fn name(&self) -> &Path {
         &self.name
     }
 
-    /// The header of a file of the tree.
+    /// Header that a file of the tree would have.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The metadata of a file of the tree.
+    /// Metadata that a file of the tree would have.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -63,12 +65,12 @@ impl Blockwise {
         self.header.depth().saturating_sub(BLOCK_LEVELS[0])
     }
 
-    /// A block with the nodes above its cells.
+    /// Block with the nodes above its cells.
     fn pyramid(&self, code: Code) -> Result<Block> {
         let cells = self.tree.block(code)?;
         let height = self.header.depth() - code.level();
         Block::new(self.header.form, (code, height), &mut |above, _: &Bounds, values, valid| {
-            // (What stands for a node above the cells is one of these.)
+            // (Nodes above the cells get the value of a cell as representative.)
             if above == 0 {
                 values.copy_from_slice(&cells.values);
                 valid.copy_from_slice(&cells.present);

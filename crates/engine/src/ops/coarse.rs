@@ -1,4 +1,4 @@
-//! Levels of files as trees of their own.
+//! Levels of files as trees.
 
 use super::affine::{AffineMap, Sampling, View};
 use super::tree_file::{TreeFile, TreeFileNode};
@@ -10,14 +10,14 @@ use spinney_container::{Header, Metadata, Shape};
 use spinney_crs::Frame;
 use std::sync::Arc;
 
-/// A file down to one of its levels: the nodes there are the cells.
+/// A file down to one of its levels, whose nodes are the cells.
 pub struct Coarse {
     file: TreeFile,
     header: Header,
     metadata: Metadata,
 }
 
-/// An INNER node above the cells of a [`Coarse`] tree.
+/// INNER node above the cells of a [`Coarse`] tree.
 #[derive(Clone, Copy, Debug)]
 pub struct CoarseNode {
     node: TreeFileNode,
@@ -25,7 +25,7 @@ pub struct CoarseNode {
 }
 
 impl Coarse {
-    /// The level that is so many above the file's cells.
+    /// Level that is `above` levels above the file's cells.
     fn new(file: &TreeFile, above: u8) -> Coarse {
         let header = file.header();
         let shape = Shape { depth: header.depth() - above, ..header.shape };
@@ -59,7 +59,7 @@ impl Coarse {
     }
 }
 
-/// Widths of a level's cells.
+/// Widths of a level's cells, in cells of the file.
 fn scale(axes: usize, above: u8) -> [f64; 3] {
     std::array::from_fn(|axis| if axis < axes { 2f64.powi(above.into()) } else { 1.0 })
 }
@@ -104,8 +104,9 @@ impl Source for Coarse {
 }
 
 impl View {
-    /// The view of a level of its file, where its cells are cells of a level that were made by the rule that the view goes by; else the
-    /// view as it is. Copying them takes a tenth of the time that making them again takes.
+    /// View of a level of its file, if the view's cells are nodes of that level and the file made
+    /// them by the view's rule; else the view unchanged. Copying them takes a tenth of the time of
+    /// computing them again.
     pub(super) fn of_level(self) -> Result<View> {
         let ViewSource::File(file @ (TreeFile::Goblin(_) | TreeFile::Autumnal(_))) = &**self.source() else {
             return Ok(self);

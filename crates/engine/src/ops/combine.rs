@@ -1,4 +1,4 @@
-//! Set operations and their kin: several trees over the same space merged into one.
+//! Set operations and similar: several trees over the same space, merged into one.
 
 use smallvec::SmallVec;
 
@@ -15,66 +15,66 @@ use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{SampleType, Value, ZoneStats};
 use spinney_base::{Error, Progress, Result, SetOperation};
 
-/// A node of the result, as far as the trees' nodes there determine it.
+/// Result node, as far as the input nodes determine it.
 enum Resolution {
     Void,
     Leaf(Value),
-    /// The node of the tree at this index, with its whole subtree.
+    /// Node of the tree at this index, with its whole subtree.
     Take(usize),
-    /// Undetermined: its children are to be resolved.
+    /// Undetermined: resolve its children.
     Split,
 }
 
-/// Several views of one form merged into one tree by a [`CombineOperation`].
+/// Several views of one tree type, merged into one tree by a [`CombineOperation`].
 ///
-/// Views are walked side by side; where one side decides, the others' detail is not read, and what is stored
-/// below is handed through. Time is proportional to the nodes that are visited, at most the sum over all
-/// views.
+/// Views are traversed in parallel. Where one input decides, the others' detail is not read, and
+/// stored subtrees are forwarded. Time is proportional to the visited nodes, at most the sum over
+/// all views.
 #[derive(Clone, Debug)]
 pub struct Combined {
     views: Vec<View>,
     form: TreeType,
     operation: CombineOperation,
-    /// The ways to merge two trees: see [`CombineOperation::mergings`].
+    /// How to merge two trees: see [`CombineOperation::mergings`].
     mergings: [Merging; 3],
-    /// The value of cells that are present in neither tree.
+    /// Value of cells that no tree has.
     fill: Value,
     /// Cells along each axis.
     extent: [u64; 3],
-    /// Cells of none of the trees are present only in here.
+    /// Box in which cells of no tree can be present.
     universe: Bounds,
 }
 
-/// The trees' nodes at a node of the result, each with the number of its tree.
+/// Input nodes at a result node, each with the index of its tree.
 type Nodes = SmallVec<[(usize, Child<ViewNode>); 2]>;
 
-/// An INNER node of combined trees.
+/// INNER node of combined trees.
 #[derive(Clone, Debug)]
 pub enum CombinedNode {
-    /// A node of one of the trees as it is.
+    /// Unchanged node of one of the trees.
     Same(usize, ViewNode),
-    /// Nodes of several trees that are still to be merged. (In a box, so that other nodes stay small: they
-    /// are moved a lot.)
+    /// Nodes of several trees, not merged yet. (Boxed to keep other nodes small, since they are
+    /// moved often.)
     Open(Box<OpenNode>),
 }
 
-/// Nodes of several trees that are still to be merged.
+/// Nodes of several trees, not merged yet.
 #[derive(Clone, Debug)]
 pub struct OpenNode {
-    /// The node of the result.
+    /// Code of the result node.
     code: Code,
     nodes: Nodes,
 }
 
-/// The cells of a tree below a node.
+/// Cells of a tree below a node.
 enum Operand {
-    /// All alike.
+    /// The same for all cells.
     Uniform(Option<Value>),
     Cells(CellBlock),
 }
 
 impl Operand {
-    /// A cell as a node.
+    /// Cell as a node.
     #[inline]
     fn cell(&self, at: usize, width: usize) -> Child<ViewNode> {
         Child::uniform(match self {
@@ -85,7 +85,7 @@ impl Operand {
     }
 }
 
-/// A tree's node and its children; those of a uniform node are all as it is.
+/// Node of a tree with its children. Children of a uniform node equal the node.
 struct Below<'a> {
     tree: usize,
     node: &'a Child<ViewNode>,
@@ -93,7 +93,7 @@ struct Below<'a> {
 }
 
 impl<'a> Below<'a> {
-    /// One of the children, with the number of the tree.
+    /// Child of the node, with the index of the tree.
     #[inline]
     fn child(&self, step: usize) -> (usize, &'a Child<ViewNode>) {
         (self.tree, self.children.map_or(self.node, |children| &children[step]))
@@ -101,10 +101,10 @@ impl<'a> Below<'a> {
 }
 
 impl Combined {
-    /// Combines views of one form and depth, whose pictures lie within `extent`.
+    /// Combines views of one tree type and depth, whose extents lie within `extent`.
     ///
     /// # Errors
-    /// If forms or depths differ, or the operation takes another number of trees.
+    /// If tree types or depths differ, or the operation takes another number of trees.
     pub fn new(views: Vec<View>, operation: CombineOperation, extent: [u64; 3]) -> Result<Combined> {
         let takes = operation.takes();
         if !takes.contains(&views.len()) {
@@ -121,25 +121,26 @@ impl Combined {
         }
         let fill = if form.value.sample == SampleType::U8 { 255.0 } else { 1.0 };
         let fill = form.value.nearest(|_| fill);
-        // Trees of coverage and of anything else are combined by presence.
+        // Coverage operations apply only if all trees are coverage; else trees are combined by
+        // presence.
         let full = views.iter().map(|view| coverage::full(form, view.source().header().rule));
         let full = full.reduce(Option::and).flatten();
         let (mergings, universe) = (operation.mergings(full), Bounds::picture(extent));
         Ok(Combined { views, form, operation, mergings, fill, extent, universe })
     }
 
-    /// Chooses the cells of which those that neither tree has are present, if the operation makes such cells
-    /// present; all of the extent unless chosen.
+    /// Limits the cells that can be present without being in any tree, if the operation makes such
+    /// cells present. Default: the whole extent.
     #[must_use]
     pub fn within(self, universe: Bounds) -> Combined {
         Combined { universe, ..self }
     }
 
-    /// Chooses the value of cells that a set operation makes present and neither tree has; it is 255 for
-    /// bytes, which says full in solids, and 1 for other types unless chosen.
+    /// Sets the value of cells that a set operation makes present and no tree has. Default: 255 for
+    /// bytes, which is full coverage in solids, and 1 for other types.
     ///
     /// # Errors
-    /// If cells tell coverage, which no other value than 255 says is full.
+    /// If cells store coverage and the value is not 255, the only value for a full cell.
     pub fn filled_with(self, fill: Value) -> Result<Combined> {
         if self.coverage().is_some_and(|full| full != fill) {
             let found = self.form.value.show(fill);
@@ -148,12 +149,12 @@ impl Combined {
         Ok(Combined { fill, ..self })
     }
 
-    /// The value of full cells, if this is a set operation on coverage.
+    /// Value of full cells, if this is a set operation on coverage.
     fn coverage(&self) -> Option<Value> {
         self.mergings[0].full
     }
 
-    /// Whether the result is what any of the trees has, so that those without anything do not matter.
+    /// Whether the result has what any of the trees has, so that VOID inputs can be ignored.
     fn is_union(&self) -> bool {
         self.operation == CombineOperation::Over
             || self.views.len() > 2
@@ -170,7 +171,7 @@ impl Combined {
         self.extent
     }
 
-    /// Whether both of two trees have one node of one file.
+    /// Whether the nodes of both trees are the same node of one file.
     fn is_one_node(&self, nodes: &[(usize, &Child<ViewNode>)]) -> bool {
         let kept = |(tree, child): &(usize, &Child<ViewNode>)| match child {
             Child::Inner { node, .. } => self.views[*tree].kept(node),
@@ -183,8 +184,8 @@ impl Combined {
     /// Resolves a node whose subtree is the same in both trees, if the operation allows it.
     fn resolve_same(&self) -> Option<Resolution> {
         match self.operation {
-            // Cells are in both trees or in neither; the latter cannot be copied if they belong to the result, because they
-            // have to be filled.
+            // Cells are in both trees or in neither. If the latter belong to the result, they have
+            // to be filled, so the subtree cannot be copied.
             CombineOperation::Set { operation, .. } if operation.is_unbounded() => None,
             CombineOperation::Set { operation, .. } if operation.contains(true, true) => {
                 Some(Resolution::Take(0))
@@ -199,10 +200,10 @@ impl Combined {
         }
     }
 
-    /// Resolves a node from the trees' nodes there.
+    /// Resolves a node from the input nodes.
     fn resolve(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
-        // Two commits of a file share the records of all that has not changed between them: no need to read
-        // those.
+        // Two commits of a file share the records of everything unchanged between them: no need to
+        // read those.
         if self.is_one_node(nodes)
             && let Some(resolution) = self.resolve_same()
         {
@@ -228,7 +229,7 @@ impl Combined {
 
     /// Resolves a node of two trees.
     fn resolve_two(&self, code: Code, first: &Child<ViewNode>, second: &Child<ViewNode>) -> Resolution {
-        // Only complements reach beyond what the trees have.
+        // Only complements fill cells that no tree has.
         let part = match self.operation {
             CombineOperation::Set { .. } if self.operation.needs_universe() => {
                 match self.inside_and_outside(code) {
@@ -253,7 +254,8 @@ impl Combined {
         }
     }
 
-    /// Resolves a node of one tree, or of more than two, where values are joined: VOID where one of them is.
+    /// Resolves a node of one tree, or of more than two, by joining values: VOID where one input is
+    /// VOID.
     fn resolve_many(&self, join: Join, nodes: &[(usize, &Child<ViewNode>)]) -> Resolution {
         let mut result: Option<Value> = None;
         let mut inner = false;
@@ -272,12 +274,12 @@ impl Combined {
         match result {
             _ if inner && nodes.len() == 1 => Resolution::Take(0),
             _ if inner => Resolution::Split,
-            // (Coverages that are all 0 are nothing.)
+            // (Coverages that are all 0 join to VOID.)
             result => result.map_or(Resolution::Void, Resolution::Leaf),
         }
     }
 
-    /// Whether some of a node's cells lie inside the universe, and outside.
+    /// Whether some of a node's cells are inside the universe, and whether some are outside.
     fn inside_and_outside(&self, code: Code) -> (bool, bool) {
         let size = self.depth() - code.level();
         let (mut inside, mut outside) = (true, false);
@@ -290,7 +292,7 @@ impl Combined {
         (inside, outside)
     }
 
-    /// The children of a tree's node, read into `children` if there are any.
+    /// Children of a tree's node, read into `children` if there are any.
     #[inline]
     fn below<'a>(
         &self,
@@ -307,11 +309,11 @@ impl Combined {
         Ok(Below { tree: *tree, node, children })
     }
 
-    /// The cells of a node that is still to be merged, where one of the trees makes its own block by block: nodes of one would cost more
-    /// than cells.
+    /// Cells of an unmerged node where one tree is computed block by block: traversing that tree's
+    /// nodes would cost more than its cells.
     fn merged_cells(&self, open: &OpenNode, levels: u8) -> Result<Option<CellBlock>> {
         let is_made = |tree: usize| matches!(**self.views[tree].source(), ViewSource::Blockwise(_));
-        // (Complements depend on the place of a cell, too.)
+        // (Complements also depend on the cell's position.)
         if self.operation.needs_universe() {
             return Ok(None);
         }
@@ -347,7 +349,7 @@ impl Combined {
         Ok(Some(merged))
     }
 
-    /// A node of the result, from the trees' nodes there.
+    /// Result node from the input nodes.
     fn merge(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
         if !self.is_union() {
             return self.resolved(code, nodes);
@@ -359,12 +361,12 @@ impl Combined {
             _ => None,
         };
         match self.coverage() {
-            // The first LEAF hides all trees below it; INNER nodes above it may still have VOID cells.
+            // The first LEAF hides all later trees. Earlier INNER nodes may still have VOID cells.
             None => {
                 let first = seen.iter().position(|node| leaf(node).is_some());
                 first.into_iter().for_each(|first| seen.truncate(first + 1));
             }
-            // What is full hides all others.
+            // A full node hides all others.
             Some(full) => {
                 let full = seen.iter().find(|node| leaf(node) == Some(full)).copied();
                 full.into_iter().for_each(|full| seen = SmallVec::from_elem(full, 1));
@@ -373,7 +375,7 @@ impl Combined {
         self.resolved(code, &seen)
     }
 
-    /// A node of the result, from those of the trees' nodes that matter to it.
+    /// Result node from those input nodes that matter to it.
     #[inline]
     fn resolved(&self, code: Code, nodes: &[(usize, &Child<ViewNode>)]) -> Child<CombinedNode> {
         match self.resolve(code, nodes) {
@@ -418,7 +420,7 @@ impl Source for Combined {
             CombinedNode::Open(open) => (open.code, &open.nodes),
         };
         let results = || (0..self.form.children()).map(|step| (step, code.child(step)));
-        // One or two, as nearly always, take no lists.
+        // One or two nodes, the common case, need no lists.
         match &nodes[..] {
             [node] => {
                 let mut below = no_children();
@@ -483,9 +485,9 @@ impl ReusableSource for Combined {
     }
 
     fn overlay(&self, node: &CombinedNode) -> Option<Overlay<'_>> {
-        // Complements depend on the extent, too, not on the two nodes' states alone.
+        // Complements depend on the universe, too, not only on the states of the two nodes.
         let has_table = !self.operation.needs_universe();
-        // Nor do those of samples that may be missing.
+        // Joined values of samples that may be missing depend on more than the states, too.
         let is_masked =
             self.form.value.is_masked() && self.operation.join().is_some_and(|join| join.computes_samples());
         let CombinedNode::Open(open) = node else { return None };
@@ -505,12 +507,12 @@ impl ReusableSource for Combined {
     }
 }
 
-/// Builds a file from combined views, in the format that the output's name asks for; returns the tally of all
-/// cells. Subtrees that the views' files have stored with the same rule are copied as they are.
+/// Builds a file from combined views, in the format of the output's name; returns the tally of all
+/// cells. Subtrees that the views' files have stored with the same rule are copied unchanged.
 ///
 /// # Errors
-/// If a file is damaged, the output cannot be written, the depth is another one than the source's, or on
-/// interruption; nothing is left behind then.
+/// If a file is corrupt, the output cannot be written, the depth differs from the source's, or on
+/// cancellation. No output is left then.
 pub fn build(
     source: &Combined,
     options: &BuildOptions,

@@ -10,10 +10,10 @@ use crate::store::{BuildOptions, TreeTarget, TreeWriter, WriteOptions, build_wit
 use spinney_base::io::Output;
 use spinney_base::{Progress, Result};
 
-/// Writes a tree, or all layers of a file, as they are, in the format that the output's name asks for: an Autumnal tree (or one of its
-/// commits) to be published, or a published one to be edited. From Goblin to Autumnal and back the bytes stay
-/// the same. Segments are packed as is asked for, whatever those of the file are. The file is opened with the [access](Output::access) of the
-/// output.
+/// Writes a tree, or all layers of a file, unchanged in the format of the output's name. Publishes
+/// an Autumnal file (or one of its commits), or makes a Goblin file editable. Bytes are preserved
+/// from Goblin to Autumnal and back. Segments are packed as `how` says, regardless of the packing
+/// of the file. The file is opened with the output's [access](Output::access).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -28,7 +28,8 @@ use spinney_base::{Progress, Result};
 /// ```
 ///
 /// # Errors
-/// If the file cannot be read, the output not be written, there is no room for all of its nodes, or on interruption.
+/// If the file cannot be read, the output cannot be written or has insufficient space for all
+/// nodes, or on cancellation.
 pub fn convert(
     path: &Path,
     share: bool,
@@ -58,7 +59,7 @@ pub fn convert(
     writer.finish()
 }
 
-/// Writes what is seen of a tree, all of it or a view, with properties of its own.
+/// Writes a tree, or a view of it, with the given build options.
 ///
 /// # Errors
 /// Those of [`convert`].
@@ -71,7 +72,7 @@ pub(crate) fn build_again<S: ReusableSource>(
     progress: &dyn Progress,
 ) -> Result<()> {
     tree.tell_remark(progress);
-    // (Of a part, or of larger cells, nobody knows how many nodes it has.)
+    // (The number of nodes of a window or of coarser cells is unknown.)
     let records = if extent == tree.header().extent { tree.shared_records()? } else { 0 };
     if let Some(output) = target.whole() {
         check_room(output, seen.form(), options.share, records)?;

@@ -1,4 +1,5 @@
-//! Trees whose values are converted: to another type, scale or unit, to other numbers of classes, to VOID, or to one that says only that a cell is present.
+//! Trees with converted values: to another type, scale or unit, to other class numbers, to VOID, or
+//! to a value that only marks presence.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -12,22 +13,24 @@ use spinney_base::value::{Mask, Number, Value, ValueType};
 use spinney_base::{Error, Result, TreeType};
 use spinney_container::{Header, Metadata};
 
-/// The conversion of a value.
+/// Conversion of a value.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum ValueMap {
-    /// Each becomes this one.
+    /// Every value becomes this one.
     Presence(Value),
-    /// Each sample becomes factor * sample + summand, by channel; a channel that there is not becomes full opacity.
+    /// Each sample becomes factor * sample + summand, by channel. A channel that the source does
+    /// not have becomes full opacity.
     Linear([(f64, f64); 4]),
     /// Cells with this value become VOID; all others stay.
     Void(Value),
-    /// Transparent cells become VOID; all others stay. Levels above the cells are what they were: nothing that is transparent counts in them.
+    /// Transparent cells become VOID; all others stay. Levels above the cells are unchanged, since
+    /// transparent cells do not count in them.
     Transparent,
-    /// Numbers of classes become others; those that are not listed stay.
+    /// Class numbers are mapped to others; classes that are not listed stay.
     Classes(BTreeMap<Number, Number>),
 }
 
-/// A source with converted values, node by node as it is.
+/// Source with converted values and the same nodes.
 pub struct Converted {
     source: Arc<ViewSource>,
     header: Header,
@@ -36,7 +39,7 @@ pub struct Converted {
 }
 
 impl Converted {
-    /// A source whose values become those of a type; `metadata` are those of the result.
+    /// Source whose values become those of a type; `metadata` are those of the result.
     pub(super) fn new(
         source: Arc<ViewSource>,
         to: ValueType,
@@ -48,7 +51,7 @@ impl Converted {
         Converted { source, header, metadata, map }
     }
 
-    /// The source with its own values.
+    /// Source with unconverted values.
     pub(super) fn source(&self) -> &ViewSource {
         &self.source
     }
@@ -61,12 +64,12 @@ impl Converted {
         &self.metadata
     }
 
-    /// Whether levels above the cells have the numbers of other cells than these.
+    /// Whether values above the cells also count cells that have become VOID.
     pub(super) fn leaves_cells_out(&self) -> bool {
         matches!(self.map, ValueMap::Void(_))
     }
 
-    /// The representative of an INNER node, where that was left out.
+    /// Representative of an INNER node, computed if it was left out.
     pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
         match &*self.source {
             ViewSource::File(TreeFile::Mosaic(_)) | ViewSource::Converted(_) => {
@@ -85,7 +88,7 @@ impl Converted {
         }
     }
 
-    /// A value of the source as one of the result.
+    /// Converts a value of the source.
     fn value(&self, value: Value) -> Value {
         let (from, to) = (self.source.form().value, self.header.form.value);
         match &self.map {
@@ -106,7 +109,7 @@ impl Converted {
                     }
                     match (missing, linear(maps[channel], numbers[channel])) {
                         (Some(missing), _) if !present[channel] => to.numbers(missing)[channel],
-                        // (Integers are the nearest ones, a half upwards, as in means.)
+                        // (Rounded to the nearest integer, half up, as in means.)
                         (_, Number::Float(number)) if !to.sample.is_float() => {
                             Number::Float((number + 0.5).floor())
                         }
@@ -128,7 +131,7 @@ impl Converted {
         }
     }
 
-    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does.
     ///
     /// # Errors
     /// If the source is corrupt there.
@@ -145,10 +148,10 @@ impl Converted {
         Ok(())
     }
 
-    /// Converts cells in rows; what is VOID is left as it is.
+    /// Converts cells in rows; VOID cells are left unchanged.
     fn convert(&self, from: &[u8], valid: &mut [bool], to: &mut [u8]) {
         let (width, new_width) = (self.source.form().width(), self.header.form.width());
-        // (Neighbours are alike.)
+        // (Neighbours are often equal.)
         let mut last: Option<(Value, [u8; 16])> = None;
         let cells = from.chunks_exact(width).zip(to.chunks_exact_mut(new_width)).zip(valid.iter_mut());
         for ((from, to), valid) in cells.filter(|(_, valid)| **valid) {
@@ -167,7 +170,7 @@ impl Converted {
     }
 }
 
-/// The sample that means full opacity.
+/// Sample of full opacity.
 fn opaque(value_type: ValueType) -> Number {
     match value_type.sample.size() {
         _ if value_type.sample.is_float() => 1.into(),
@@ -176,7 +179,7 @@ fn opaque(value_type: ValueType) -> Number {
     }
 }
 
-/// A number by a linear map, exactly where all three are integers.
+/// Applies a linear map to a number, exactly if number, factor and summand are integers.
 fn linear((factor, summand): (f64, f64), number: Number) -> Number {
     if (factor, summand) == (1.0, 0.0) {
         return number;
@@ -240,7 +243,8 @@ impl Source for Converted {
 }
 
 impl View {
-    /// This view with VOID for cells that have a number in all channels, which is the result's nodata.
+    /// View in which cells become VOID that have a number in all channels. The number is the
+    /// result's nodata.
     ///
     /// # Errors
     /// If the type cannot hold the number.
@@ -255,16 +259,18 @@ impl View {
         Ok(self.converted(Converted::new(source, value_type, ValueMap::Void(value), metadata)))
     }
 
-    /// The view with VOID for cells that are transparent: those of values with opacity ([`Mask::Alpha`]) where that is 0.
+    /// View in which transparent cells become VOID: those with opacity 0, in values with opacity
+    /// ([`Mask::Alpha`]).
     ///
     /// # Errors
-    /// If the file is damaged, which tells whether there are any.
+    /// If the file is corrupt, when checking whether it has any.
     pub fn opaque(self) -> Result<View> {
         let value_type = self.source().header().form.value;
         if value_type.mask != Mask::Alpha {
             return Ok(self);
         }
-        // A file without any is seen as it is, so that what it has stored can be taken over.
+        // A file without transparent cells is used unchanged, so that its stored subtrees can be
+        // reused.
         if let ViewSource::File(_) = &**self.source() {
             let totals = self.source().totals(None)?;
             if totals.channels.iter().all(|channel| channel.cells == totals.cells) {
@@ -275,7 +281,7 @@ impl View {
         Ok(self.converted(Converted::new(source, value_type, ValueMap::Transparent, metadata)))
     }
 
-    /// This view with converted values.
+    /// View with converted values.
     pub(super) fn converted(self, converted: Converted) -> View {
         self.over(Arc::new(ViewSource::Converted(Box::new(converted))))
     }

@@ -1,4 +1,4 @@
-//! Set operations on coverage: bodies fill cells in part.
+//! Set operations on coverage, for solids that fill cells partially.
 
 use crate::store::builder::{
     FULL_COVERAGE, Join, MergeAction, MergeState, MergeTable, Merging, joined_coverage,
@@ -6,16 +6,16 @@ use crate::store::builder::{
 use spinney_base::value::{Rule, SampleType, Value};
 use spinney_base::{SetOperation, TreeType};
 
-/// The value of a full cell in trees whose cells tell coverage; `None` of other trees.
+/// Value of a full cell in trees whose cells store coverage; `None` for other trees.
 pub(super) fn full(form: TreeType, rule: Rule) -> Option<Value> {
     let is_coverage =
         rule == Rule::Occupancy && form.value.sample == SampleType::U8 && !form.value.is_masked();
     is_coverage.then(|| form.value.nearest(|_| FULL_COVERAGE.into()))
 }
 
-/// The ways to merge two trees by a set operation inside the universe, outside, and across its border.
+/// How to merge two trees by a set operation inside the universe, outside, and across its border.
 pub(super) fn mergings(operation: SetOperation) -> [Merging; 3] {
-    // Outside there is nothing to fill.
+    // Nothing is filled outside.
     let without = operation.bounded();
     let across = |states| {
         let (inside, outside) = (action(operation, states), action(without, states));
@@ -25,14 +25,14 @@ pub(super) fn mergings(operation: SetOperation) -> [Merging; 3] {
     [
         merging(MergeTable::new(|states| action(operation, states)), operation),
         merging(MergeTable::new(|states| action(without, states)), without),
-        // (Single cells are on one side of the border: nobody asks for joined values there.)
+        // (A single cell is on one side of the border, so no values are joined across it.)
         merging(MergeTable::new(across), without),
     ]
 }
 
-/// The action for a pair of nodes: what holds for all coverages that cells there can have.
+/// Action for a pair of nodes: one that is correct for all coverages that their cells can have.
 fn action(operation: SetOperation, states: [MergeState; 2]) -> MergeAction {
-    /// Enough of them: the result is linear in both between empty, equal and full.
+    /// Samples that suffice: the result is linear in both coverages between empty, equal and full.
     const ANY: [u8; 5] = [0, 60, 128, 200, FULL_COVERAGE];
     let [first, second] = states.map(|state| match state {
         MergeState::Void => &[0][..],

@@ -8,25 +8,27 @@ use crate::tree::{Child, Children, Source, no_children};
 use spinney_base::value::{Value, ValueType};
 use spinney_base::{Error, Progress, Result, sort};
 
-/// Cells in which a value of the first tree (`None` is VOID) meets one of the second.
+/// Number of cells in which a value of the first tree (`None` is VOID) coincides with one of the
+/// second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pair {
-    /// The first tree's value.
+    /// Value in the first tree.
     pub first: Option<Value>,
-    /// The second tree's.
+    /// Value in the second tree.
     pub second: Option<Value>,
-    /// In so many cells.
+    /// Number of cells.
     pub cells: u64,
 }
 
-/// Pairs that a table may have: elevations have no sensible table.
+/// Maximum number of pairs in a table: elevations have no sensible table.
 const MOST: usize = 1 << 16;
 
-/// Counts all pairs of values but that of VOID with VOID, by ascending first, then second value; VOID comes
-/// first. Time is proportional to the nodes of both trees.
+/// Counts all pairs of values except VOID with VOID, by ascending first, then second value; VOID
+/// comes first. Time is proportional to the nodes of both trees.
 ///
 /// # Errors
-/// If depths differ, there are more than 2^16 pairs, a file is corrupt or was changed meanwhile, or on cancellation.
+/// If depths differ, there are more than 2^16 pairs, a file is corrupt or was changed meanwhile, or
+/// on cancellation.
 pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<Vec<Pair>> {
     let form = first.form();
     if first.depth() != second.depth() {
@@ -52,7 +54,7 @@ pub fn crosstab(first: &View, second: &View, progress: &dyn Progress) -> Result<
     pairs.sorted(form.value, second.form().value)
 }
 
-/// The children of a node; those of a uniform one are like it.
+/// Children of a node; those of a uniform node equal it.
 fn children_of(view: &View, child: &Child<ViewNode>, children: &mut Children<ViewNode>) -> Result<()> {
     match child {
         Child::Inner { node, .. } => view.children(node, children),
@@ -64,7 +66,7 @@ fn children_of(view: &View, child: &Child<ViewNode>, children: &mut Children<Vie
     }
 }
 
-/// Cells of each pair; remembers the last one because neighbours are alike.
+/// Number of cells of each pair. Remembers the last pair, since neighbours are often equal.
 #[derive(Default)]
 struct Pairs {
     cells: HashMap<(Option<Value>, Option<Value>), u64>,

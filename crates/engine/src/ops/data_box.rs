@@ -1,4 +1,4 @@
-//! Bounding box of a tree's data: the smallest box around all that is not VOID.
+//! Bounding box of a tree's cells that are not VOID.
 
 use super::affine::View;
 use crate::tree::{CellBlock, Child, Source, no_children};
@@ -6,11 +6,11 @@ use spinney_base::Result;
 use spinney_base::sort;
 use spinney_base::space::{Bounds, Code};
 
-/// The smallest box of cells around all that is not VOID; `None` if all is. Goes, for each side of the box, only into nodes
-/// that may reach further than what was found, the furthest first.
+/// Bounding box of all cells that are not VOID; `None` if all are VOID. For each side of the box,
+/// visits only nodes that may reach further than what was found so far, the furthest first.
 ///
 /// # Errors
-/// If the file is damaged.
+/// If the file is corrupt.
 pub fn data_box(view: &View) -> Result<Option<Bounds>> {
     let mut bounds = Bounds::picture(view.extent());
     for axis in 0..view.form().axes() {
@@ -21,10 +21,12 @@ pub fn data_box(view: &View) -> Result<Option<Bounds>> {
     Ok(Some(bounds))
 }
 
-/// Levels above the cells at which all of them are drawn at once, where that is faster than to look at nodes.
+/// Number of levels above the cells below which all cells are read at once, since this is faster
+/// than visiting nodes.
 const BLOCK_LEVELS: u8 = 6;
 
-/// How far the cells of a block reach that are not VOID and in the picture; nothing if there are none.
+/// Reach along an axis of the block's cells that are in the extent and not VOID; `None` if there
+/// are none.
 fn reach_in(block: &CellBlock, space: &Bounds, picture: &Bounds, axis: usize, is_max: bool) -> Option<u64> {
     let [width, height, _] = space.size();
     let cells = block.present.iter().enumerate().filter(|(_, present)| **present).map(|(index, _)| {
@@ -36,10 +38,10 @@ fn reach_in(block: &CellBlock, space: &Bounds, picture: &Bounds, axis: usize, is
     inside.map(|cell| if is_max { cell[axis] + 1 } else { u64::MAX - cell[axis] }).max()
 }
 
-/// The least or the greatest bound, along an axis, of all cells that are not VOID.
+/// Minimum or maximum bound, along an axis, of all cells that are not VOID.
 fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
     let picture = Bounds::picture(view.extent());
-    // How far the cells of a node within the picture can reach; nothing if there are none.
+    // Upper bound of the reach of a node's cells within the extent; `None` if there are none.
     let reach = |code: Code| {
         let bounds = code.bounds(view.depth()).intersect(&picture);
         let reach = if is_max { bounds.max[axis] } else { u64::MAX - bounds.min[axis] };
@@ -66,7 +68,7 @@ fn furthest(view: &View, axis: usize, is_max: bool) -> Result<Option<u64>> {
                 let below = children[..view.form().children()].iter_mut().map(std::mem::take).enumerate();
                 let start = pending.len();
                 pending.extend(below.map(|(step, child)| (reach(code.child(step)), code.child(step), child)));
-                // The last one comes first.
+                // The last one is popped first.
                 sort::by_wide_key(&mut pending[start..], |(reach, ..)| {
                     reach.map_or(0, |reach| u128::from(reach) + 1)
                 });

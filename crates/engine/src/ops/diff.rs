@@ -14,22 +14,22 @@ use spinney_base::space::{Code, Dimension};
 use spinney_base::value::Value;
 use spinney_base::{Error, Progress, Result, TreeType};
 
-/// A block in which two trees differ, uniform in both.
+/// Block in which two trees differ, uniform in both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Difference {
     /// The node.
     pub code: Code,
-    /// The first tree's value; `None` is VOID.
+    /// Value in the first tree; `None` is VOID.
     pub before: Option<Value>,
-    /// The second tree's.
+    /// Value in the second tree.
     pub after: Option<Value>,
 }
 
-/// Hands out all blocks in which two trees differ, in FD order. Records that two commits of one file
+/// Yields all blocks in which two trees differ, in FD order. Records that two commits of a file
 /// share are not read: time is proportional to the nodes that differ, plus depth for each of them.
 ///
 /// # Errors
-/// If forms or depths differ, a file is damaged, `found` fails, or on interruption.
+/// If tree types or depths differ, a file is corrupt, `found` fails, or on cancellation.
 pub fn diff(
     first: &View,
     second: &View,
@@ -45,11 +45,12 @@ pub fn diff(
     Comparison { first, second, children, progress, found }.node(root, &first.root()?, &second.root()?)
 }
 
-/// Hands out the nodes of a level in which two trees differ, each once, in FD order; uniform blocks that are larger as they are. What
-/// else differs in a node is not looked for: see [`diff`].
+/// Yields the nodes of a level in which two trees differ, each once, in FD order; larger uniform
+/// blocks are yielded as one node. The search below a node of that level stops at the first
+/// difference: see [`diff`] for all of them.
 ///
 /// # Errors
-/// If forms or depths differ, a file is damaged, or `found` fails.
+/// If tree types or depths differ, a file is corrupt, or `found` fails.
 pub fn diff_nodes(
     first: &TreeFile,
     second: &TreeFile,
@@ -63,7 +64,7 @@ pub fn diff_nodes(
     nodes.node(root, &first.root()?, &second.root()?).map(drop)
 }
 
-/// Fails if forms or depths of two trees differ.
+/// Fails if tree types or depths of two trees differ.
 fn check_alike(first: (&Path, TreeType, u8), second: (&Path, TreeType, u8)) -> Result<()> {
     check_form((second.0, second.1), (first.0, first.1))?;
     if first.2 == second.2 {
@@ -73,7 +74,7 @@ fn check_alike(first: (&Path, TreeType, u8), second: (&Path, TreeType, u8)) -> R
     Err(Error::invalid("depth of a tree", second.2.to_string(), expected))
 }
 
-/// Two trees that are walked side by side.
+/// Two trees that are traversed in parallel.
 struct Comparison<'a> {
     first: &'a View,
     second: &'a View,
@@ -108,7 +109,7 @@ impl Comparison<'_> {
     }
 }
 
-/// Two trees that are walked side by side as far as nodes of a level ask for it.
+/// Two trees that are traversed in parallel, as deep as the nodes of a level require.
 struct NodesThatDiffer<'a> {
     first: &'a TreeFile,
     second: &'a TreeFile,
@@ -169,7 +170,7 @@ pub(super) fn is_same_record<S: ReusableSource>(
     record(first, a).is_some_and(|a| record(second, b) == Some(a))
 }
 
-/// The children of a node; `None` if it is uniform, and they are all like it.
+/// Children of a node; `None` if it is uniform and all children equal it.
 fn children_of<'c, S: Source>(
     file: &S,
     child: &Child<S::Node>,
@@ -183,20 +184,20 @@ fn children_of<'c, S: Source>(
 /// Totals of the differences between two trees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Differences {
-    /// Cells that were VOID and are not any more.
+    /// Cells that were VOID and have a value now.
     pub added: u64,
     /// Cells that have become VOID.
     pub removed: u64,
-    /// Cells whose value is another one.
+    /// Cells whose value has changed.
     pub changed: u64,
-    /// Blocks in which they differ, uniform in both.
+    /// Blocks in which the trees differ, uniform in both.
     pub blocks: u64,
-    /// Runs of cells in FD order in which they differ.
+    /// Runs of cells in FD order in which the trees differ.
     pub runs: u64,
 }
 
 impl Differences {
-    /// Counts a block of so many cells.
+    /// Counts a block of this number of cells.
     fn add(&mut self, before: Option<Value>, after: Option<Value>, cells: u64) {
         match (before, after) {
             (None, _) => self.added += cells,
@@ -207,18 +208,20 @@ impl Differences {
     }
 }
 
-/// A run of cells in FD order in which two trees differ, from one path to another: see
+/// Run of cells in FD order in which two trees differ, from one path to another: see
 /// [`Code::path`](spinney_base::space::Code::path).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FdRange {
-    /// The first cell's path.
+    /// Path of the first cell.
     pub first: u64,
-    /// The last cell's.
+    /// Path of the last cell.
     pub last: u64,
 }
 
-/// Compares two trees, or two commits of one, where they lie in the world; yields the runs of cells that differ, by the FD codes of the grid
-/// that begins at [`CompareReport::origin`]. The second is brought to the first's cells and values before, as by [`combine`](super::combine).
+/// Compares two trees, or two commits of one, by their position in the world. Yields the runs of
+/// cells that differ, by the FD codes of the grid that begins at [`CompareReport::origin`]. The
+/// second tree is converted to the first one's cells and values before, as by
+/// [`combine`](super::combine).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -230,7 +233,7 @@ pub struct FdRange {
 /// ```
 ///
 /// # Errors
-/// If they cannot be read or brought to one grid and type, `range` fails, or on cancellation.
+/// If they cannot be read or converted to one grid and type, `range` fails, or on cancellation.
 pub fn diff_files(
     first: &Path,
     second: &Path,
@@ -244,7 +247,7 @@ pub fn diff_files(
     Ok(CompareReport { differences, ..report })
 }
 
-/// Totals of the differences between two views on one grid; yields the runs of cells that differ.
+/// Totals of the differences between two views on one grid. Yields the runs of cells that differ.
 fn diff_views(
     first: &View,
     second: &View,
@@ -275,18 +278,18 @@ fn diff_views(
     Ok(sum)
 }
 
-/// Differences of two trees, and how they were brought together.
+/// Differences of two trees, and how they were aligned.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CompareReport {
     /// Totals.
     pub differences: Differences,
-    /// The cell of the first tree's grid that is the first of the grid in which both are compared.
+    /// First cell of the grid on which both are compared, in cells of the first tree's grid.
     pub origin: [i64; 3],
     /// Conversions of the second tree.
     pub conversions: Vec<Conversion>,
 }
 
-/// Opens two trees as views on one grid, with values of one meaning.
+/// Opens two trees as views on one grid, with values of the same meaning.
 fn open_both(
     first: &Path,
     second: &Path,
@@ -308,8 +311,8 @@ fn open_both(
     Ok((first, second, report))
 }
 
-/// Compares two trees as [`diff_files`] does, for the totals alone: what is stored once for many nodes of both trees is
-/// compared once.
+/// Compares two trees as [`diff_files`] does, for the totals only. A pair of records that occurs at
+/// many nodes is compared once.
 ///
 /// # Errors
 /// Those of [`diff_files`].
@@ -338,17 +341,17 @@ pub fn differences(
 /// Bytes for the totals of pairs of nodes that were compared already.
 const KNOWN_PAIRS: u64 = 32 << 20;
 
-/// Levels below the smallest nodes whose totals are remembered.
+/// Height of the smallest nodes whose totals are remembered.
 const KNOWN_HEIGHT: u8 = 4;
 
-/// A pair of nodes of two trees, where it may be compared again.
+/// Pair of nodes of two trees that may occur again.
 type Pair = [Side; 2];
 
-/// A node of a tree.
+/// Node of a tree.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 enum Side {
     Uniform(Option<Value>),
-    /// Of an Autumnal file.
+    /// Node of an Autumnal file.
     Inner(autumnal::AutumnalNode),
 }
 
@@ -361,7 +364,7 @@ struct Part {
 }
 
 impl Part {
-    /// This, and what comes behind it.
+    /// Concatenates this run and the next one.
     fn then(self, next: Part) -> Part {
         let (a, b) = (self.sum, next.sum);
         let joined = u64::from(self.ends[1] && next.ends[0]);
@@ -376,7 +379,7 @@ impl Part {
     }
 }
 
-/// Two trees of which the differences are counted.
+/// Two trees whose differences are counted.
 struct Totals<'a> {
     first: &'a TreeFile,
     second: &'a TreeFile,
@@ -386,7 +389,7 @@ struct Totals<'a> {
 }
 
 impl Totals<'_> {
-    /// Counts the differences at a node with so many levels below it.
+    /// Counts the differences at a node with `height` levels below it.
     fn node(&mut self, height: u8, a: &Child<TreeFileNode>, b: &Child<TreeFileNode>) -> Result<Part> {
         if !a.is_inner() && !b.is_inner() {
             let (a, b) = (a.value(), b.value());
@@ -398,7 +401,7 @@ impl Totals<'_> {
             return Ok(Part { sum, ends: [a != b; 2] });
         }
         let pair = Side::new(a).zip(Side::new(b)).map(<[Side; 2]>::from);
-        // (Records of the two files may be those of nodes of different heights.)
+        // (Records of the two files may belong to nodes of different heights.)
         let pair = pair.filter(|pair| height >= KNOWN_HEIGHT && pair.iter().any(Side::has_record));
         if let Some(known) = pair.and_then(|pair| self.known.get(height, &pair)) {
             return Ok(*known);
@@ -425,7 +428,7 @@ impl Totals<'_> {
 }
 
 impl Side {
-    /// A node of a tree, unless that is in a file that does not store equal subtrees once.
+    /// Node of a tree; `None` if its file does not share equal subtrees.
     fn new(node: &Child<TreeFileNode>) -> Option<Side> {
         match node {
             Child::Inner { node: TreeFileNode::Autumnal(node), .. } => Some(Side::Inner(*node)),

@@ -20,39 +20,41 @@ use spinney_base::space::Bounds;
 use spinney_base::value::{Number, Value, ValueType};
 use spinney_base::{Error, Progress, Result};
 
-/// A change to a tree.
+/// Change to a tree.
 #[derive(Clone, Debug)]
 pub enum Edit {
-    /// Puts another tree over a part of it.
+    /// Pastes another tree over a region.
     Paste {
-        /// The other tree: a file and the steps done to it.
+        /// Tree to paste: a file and the operations on it.
         patch: FileView,
-        /// The cell that its first one goes to; where it lies in the world if none is given.
+        /// Cell that the first pasted cell goes to; by default, its position in the world decides.
         at: Option<[i64; 3]>,
-        /// Makes cells VOID where the other tree is, in all of its extent; else the tree's own cells stay there.
+        /// Whether VOID cells of the pasted tree make cells VOID within its extent; else the
+        /// existing cells stay.
         void: bool,
-        /// Options for bringing its values to the tree.
+        /// Options for converting the pasted tree's values.
         options: ReconcileOptions,
     },
     /// Fills a region with one value (a sample per channel, or one for all), or makes it VOID.
     Fill(FillRegion, Option<Vec<Number>>),
-    /// Gives single cells new values.
+    /// Sets single cells.
     Set(Vec<CellValue>),
-    /// Makes it what an operation makes of it and another tree, which lies where it lies in the world.
+    /// Replaces the tree by the result of an operation with another tree, which is aligned by world
+    /// coordinates.
     Apply(CombineOperation, PathBuf, ReconcileOptions),
-    /// Puts a tree on the same cells over it, where that has something.
+    /// Overlays a tree on the same cells, where that is not VOID.
     Cover(Arc<ViewSource>),
-    /// Makes it what an operation makes of it and a tree on the same cells.
+    /// Replaces the tree by the result of an operation with a tree on the same cells.
     Merge(CombineOperation, Arc<ViewSource>),
-    /// Makes it what it was in another commit.
+    /// Restores the state of another commit.
     Revert(u64),
 }
 
-/// A cell and its value: a sample per channel, or VOID.
+/// Cell and its value: a sample per channel, or VOID.
 pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 
-/// Does some edits, one after the other, and makes them one commit; `None` if nothing has changed. [`Editor::open_with`] and
-/// [`apply_edits`] do the same with another access to files than the default.
+/// Applies edits in order and commits them as one; returns `None` if nothing has changed.
+/// [`Editor::open_with`] and [`apply_edits`] do the same with a file access other than the default.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -69,8 +71,8 @@ pub type CellValue = ([u64; 3], Option<Vec<Number>>);
 /// ```
 ///
 /// # Errors
-/// If another process edits the file, an edit cannot be done, the file not be written, or on interruption.
-/// The file's last commit is then what it was.
+/// If another process edits the file, an edit cannot be applied, the file cannot be written, or on
+/// cancellation. The file's last commit is then unchanged.
 pub fn edit(
     path: &Path,
     edits: impl IntoIterator<Item = Result<Edit>>,
@@ -83,11 +85,11 @@ pub fn edit(
     editor.commit(note)
 }
 
-/// Does some edits, one after the other, in a file that is open for editing; nobody sees them before they are
-/// committed.
+/// Applies edits in order to a file that is open for editing. They become visible to readers with
+/// the commit.
 ///
 /// # Errors
-/// If an edit cannot be done, the file not be written, or on interruption.
+/// If an edit cannot be applied, the file cannot be written, or on cancellation.
 pub fn apply_edits(
     editor: &mut Editor,
     edits: &mut dyn Iterator<Item = Result<Edit>>,
@@ -106,7 +108,7 @@ pub fn apply_edits(
                 let (changed, description, converted) = changed(editor.tree(), edit, progress)?;
                 conversions.extend(converted);
                 editor.replace(&changed, Packing::default(), progress)?;
-                // (New classes have names and colours.)
+                // (New classes add names and colours.)
                 let mut metadata = editor.tree().metadata().clone();
                 description.describe(&mut metadata);
                 if metadata != *editor.tree().metadata() {
@@ -119,7 +121,8 @@ pub fn apply_edits(
     Ok(conversions)
 }
 
-/// The tree after an edit, as a source; nodes that stay are the tree's own, with their stored records.
+/// The tree after an edit, as a source. Unchanged nodes are the tree's own, with their stored
+/// records.
 fn changed(
     tree: Arc<Autumnal>,
     edit: Edit,
@@ -166,32 +169,33 @@ fn changed(
     Ok((Combined::new(views, operation, extent)?, description, conversions))
 }
 
-/// All of a tree with a patch on it.
+/// The whole tree with a patch applied.
 fn patched(tree: &Arc<Autumnal>, patch: Arc<dyn Patch>) -> Result<View> {
     View::whole(Patched::new(tree.clone(), patch).into())
 }
 
-/// Views for a paste: the pasted tree first, then the tree that it goes over.
+/// Views for a paste: the pasted tree first, then the tree below it.
 fn pasted(tree: &Arc<Autumnal>, view: View, bounds: Bounds, void: bool) -> Result<Vec<View>> {
     let (depth, extent) = (tree.header().depth(), tree.header().extent);
     let (view, below) = match void {
         false => (view.opaque()?, View::whole(tree.clone().into())?),
-        // What is VOID in the patch becomes VOID in the tree: first all of the box does.
+        // VOID cells of the patch make cells VOID: clear the whole box first.
         true => (view, patched(tree, Arc::new(FillPatch::new(FillRegion::Box(bounds), extent, None)?))?),
     };
     Ok(vec![view.deepened(depth)?, below])
 }
 
-/// A view on the cells of a tree, with values of the tree's meaning.
+/// View on the cells of a tree, with values that mean the same as the tree's.
 struct Brought {
     view: View,
-    /// The view's box of cells in the tree.
+    /// Box of the view's cells in the tree.
     bounds: Bounds,
     description: Description,
     conversions: Vec<Conversion>,
 }
 
-/// Brings a view to the cells and values of a tree, with its first cell at a cell of the tree or where it lies in the world.
+/// Aligns a view with a tree's cells and converts its values. The view's first cell goes to the
+/// cell `at`, or to its position in the world.
 fn brought(
     tree: &Arc<Autumnal>,
     (path, view): (&Path, View),
@@ -221,7 +225,7 @@ fn brought(
     Ok(Brought { view, bounds, description, conversions })
 }
 
-/// The value with these samples, or with one sample for all channels.
+/// Value with these samples, or with one sample for all channels.
 fn value_of(value_type: ValueType, samples: &[Number]) -> Result<Value> {
     let ValueType { sample, channels, .. } = value_type;
     let fits = samples.len() == 1 || samples.len() == usize::from(channels);

@@ -1,4 +1,4 @@
-//! Operations on files: from files to files.
+//! Operations from files to files.
 
 use std::path::{Path, PathBuf};
 
@@ -22,25 +22,26 @@ use spinney_base::value::{DataKind, Number, Value};
 use spinney_base::{Error, Progress, Result, SubProgress, TreeType};
 use spinney_container::{FileReference, Header, Metadata, Shape};
 
-/// A view of a file: operations that are applied to it, such as crop, scale or warp.
+/// View of a file: operations that are applied to it, such as crop, scale or warp.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FileView {
     /// The file.
     pub path: PathBuf,
-    /// Its name for messages, if that is another one.
+    /// Name for messages, if it differs from the path.
     pub name: Option<PathBuf>,
-    /// How the file, and those that operations name, are opened.
+    /// How the file, and files that operations name, are opened.
     pub access: FileAccess,
     /// Operations, first to last.
     pub steps: Vec<ViewStep>,
-    /// Moves the picture in the world as its cells are moved, instead of leaving everything where it is.
+    /// Whether the data move in the world together with their cells, instead of keeping their
+    /// position in the world.
     pub moves: bool,
-    /// Options for steps to other grids. [`Resampling::Nearest`] holds for all steps: new cells have the value at their centre, also
-    /// where the file's rule would average.
+    /// Options for operations with another grid. [`Resampling::Nearest`] applies to all operations:
+    /// new cells have the value at their centre, also where the file's rule would average.
     pub warp: WarpOptions,
 }
 
-/// Measures of a tree made from others.
+/// Measures of a tree that was made from others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Cells along each axis.
@@ -51,32 +52,32 @@ pub struct Outcome {
     pub before: Vec<u64>,
     /// Cells of the result that are not VOID.
     pub after: u64,
-    /// Cells that the first input's would be after scaling, if none were cut off or decided at cells'
-    /// centres.
+    /// Cells that the first input's would become after scaling, if none were cut off or decided at
+    /// cell centres.
     pub expected: Option<f64>,
-    /// The cells of the result of which those that no input has were filled, if the operation did that.
+    /// Box in which cells that no input has were filled, if the operation fills cells.
     pub universe: Option<Bounds>,
-    /// Conversions of inputs to the first's grid and values: a line for each.
+    /// Conversions of inputs to the first one's grid and values, a line for each.
     pub conversions: Vec<Conversion>,
 }
 
-/// Units of a pass over all cells, for the progress.
+/// Progress units of a pass over all cells.
 const WHOLE: u64 = 1 << 32;
 
-/// A pair of values and the cells in which they meet: the first tree's, the second's (`None` is VOID), by
-/// channel.
+/// Pair of values, by channel, and the number of cells in which they coincide: the first tree's
+/// value, the second's (`None` is VOID).
 pub type PairOfSamples = (Option<Vec<Number>>, Option<Vec<Number>>, u64);
 
 impl FileView {
-    /// A file with nothing done to it yet.
+    /// A file without operations.
     pub fn of(path: &Path) -> FileView {
         FileView { path: path.into(), ..FileView::default() }
     }
 
-    /// Opens the file, and does the steps to all of it.
+    /// Opens the file and applies the operations to the whole of it.
     ///
     /// # Errors
-    /// If the file cannot be read, or a step cannot be done.
+    /// If the file cannot be read, or an operation cannot be applied.
     pub fn open(&self) -> Result<View> {
         self.open_with(&mut |view, step| step.apply(view))
     }
@@ -96,12 +97,12 @@ impl FileView {
             return Err(Error::invalid("resampling", way.name(), expected));
         }
         let view = self.steps.iter().try_fold(View::whole(file.into())?.warping(self.warp), apply)?;
-        // (What is calculated may have another rule than the file.)
+        // (A calculation may have another rule than the file.)
         let rule = view.source().header().rule;
         if is_nearest { Ok(view) } else { view.sampled(Sampling::Area(rule)) }
     }
 
-    /// A line for the result's provenance.
+    /// Line for the result's provenance.
     fn provenance(&self) -> String {
         let steps: Vec<String> = self.steps.iter().map(ViewStep::to_string).collect();
         let colon = if steps.is_empty() { "" } else { ": " };
@@ -109,7 +110,7 @@ impl FileView {
     }
 }
 
-/// Makes a tree of a file and the steps of what is done to it; without steps a condensed copy.
+/// Writes a tree from a file and the operations on it; without operations a condensed copy.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -125,7 +126,8 @@ impl FileView {
 /// ```
 ///
 /// # Errors
-/// If the file cannot be read, a step cannot be done, the output not be written, or on interruption.
+/// If the file cannot be read, an operation cannot be applied, the output cannot be written, or on
+/// cancellation.
 pub fn transform(
     chain: &FileView,
     output: Output,
@@ -135,10 +137,11 @@ pub fn transform(
     transform_to(chain, output.into(), how, progress)
 }
 
-/// Makes of a file what [`transform`] makes of it, or a part of that.
+/// Writes the result of [`transform`], or a shard of it.
 ///
 /// # Errors
-/// Those of [`transform`]; also if a part of what takes going through all cells first is asked for, such as components.
+/// Those of [`transform`]; also if a shard is requested of an operation that scans all cells first,
+/// such as components.
 pub fn transform_to(
     chain: &FileView,
     target: TreeTarget,
@@ -157,7 +160,7 @@ pub fn transform_to(
     }
     let mut derivations = Vec::new();
     let mut expected = Some(0.0);
-    // (What is calculated with the layers of a file is one tree.)
+    // (A calculation with the layers of a file is one tree.)
     let is_calculated = chain.steps.iter().any(|step| matches!(step, ViewStep::Calculation(_)));
     let paths =
         if is_calculated { vec![chain.path.clone()] } else { layer_paths(&chain.path, &chain.access)? };
@@ -169,20 +172,20 @@ pub fn transform_to(
         let chain = FileView { path, ..chain.clone() };
         let view = chain.open_with(&mut |view, step| {
             let part = SubProgress::new(progress, WHOLE * step.passes(), total);
-            // (What it finds out stays in memory until all is written.)
+            // (What it computes stays in memory until everything is written.)
             let memory = how.memory / layers;
-            // (Labels differ wherever values do, so that there are no fewer nodes of them.)
+            // (Labels differ wherever values do, so the result does not have fewer nodes.)
             if let (ViewStep::Components(_), Some(output), false) = (step, target.whole(), view.has_windows())
             {
                 check_room(output, view.form(), false, expected_records(&view)?)?;
             }
             step.apply_whole(view, &Passes { memory, folder: &temporary, progress: &part })
         })?;
-        // How many cells there are to be, unless some were left out.
-        // (On the grid of another coordinate system cells have no one size, and what is calculated may be VOID anywhere.)
+        // Expected number of cells, unless some were cut off. (On a grid of another coordinate
+        // system cells vary in size, and calculated cells may be VOID anywhere.)
         let is_known = !view.has_windows() && !view.source().is_computed();
         let shrinks = is_known.then(|| view.to_source().determinant().abs());
-        // (Of a part of a file nobody knows how many nodes it has.)
+        // (The number of nodes of a window is unknown.)
         let least = if view.has_windows() { 0 } else { expected_records(&view)? };
         let before = view.source().cells_before()? as f64;
         let view = if chain.moves { view } else { view.of_level()? };
@@ -203,8 +206,8 @@ pub fn transform_to(
     Ok(Outcome { expected, ..store_all(derivations, target, how, progress)? })
 }
 
-/// Merges files into one; those over other areas or with coarser cells are aligned with the finest. They are opened with the
-/// [access](Output::access) of the output.
+/// Merges files into one. Files over other areas or with coarser cells are aligned with the finest.
+/// They are opened with the output's [access](Output::access).
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -222,7 +225,7 @@ pub fn transform_to(
 /// ```
 ///
 /// # Errors
-/// As [`transform`]; also if types differ or grids cannot be matched.
+/// Those of [`transform`]; also if types differ or grids cannot be matched.
 pub fn combine(
     operation: impl Into<CombineOperation>,
     options: CombineOptions,
@@ -234,19 +237,20 @@ pub fn combine(
     combine_with(operation.into(), options, paths, &[], output.into(), how, progress)
 }
 
-/// A tree that is made on the cells of others: its place among those that are combined, its name, and what makes it of the header and
-/// metadata that a tree on these cells has.
+/// Operand that is computed on the cells of the others, from the header and metadata of a tree on
+/// these cells.
 pub struct MadeOperand<'a> {
-    /// Its place among all, from 0.
+    /// Position among all operands, from 0.
     pub place: usize,
-    /// Its name, for the result's provenance.
+    /// Name, for the result's provenance.
     pub name: String,
-    /// A function that makes it.
+    /// Function that makes the operand.
     pub make: &'a dyn Fn(&Header, &Metadata) -> Result<ViewSource>,
 }
 
-/// [`combine`], also to a part of a file, and with trees that are made on the cells of the files' trees, of which there must be one at least: on the finest of them, in all of
-/// their pictures. They come in the order of their places.
+/// Does what [`combine`] does, also to a shard of a file, and also with trees that are computed on
+/// the cells of the files' trees: on the finest of their grids, over the extent of all. At least
+/// one file is required. Operands are in order of their positions.
 ///
 /// # Errors
 /// Those of [`combine`], and those of making trees.
@@ -284,7 +288,7 @@ pub fn combine_with(
             views.insert(operand.place.min(views.len()), view);
             names.insert(operand.place.min(names.len()), operand.name.clone());
         }
-        // (What is transparent is there for none of the operations.)
+        // (Transparent cells count as VOID in all operations.)
         let views = views.into_iter().map(View::opaque).collect::<Result<Vec<_>>>()?;
         let keeps_first = operation.keeps_first(views[0].source().header().rule);
         let least = if keeps_first { expected_records(&views[0])? } else { 0 };
@@ -302,8 +306,8 @@ pub fn combine_with(
     Ok(Outcome { conversions, ..store_all(derivations, target, how, progress)? })
 }
 
-/// The layers of some files that belong together: of files of several layers those of the same names. One that is named, or the only one of its
-/// file, goes with each.
+/// Groups the layers of files that are combined with each other: in files of several layers those
+/// of the same name. A layer that a path names, or a file's only layer, is combined with each.
 fn layers_in_pairs(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<Vec<PathBuf>>> {
     let mut layers = paths.iter().map(|path| layer_paths(path, access)).collect::<Result<Vec<_>>>()?;
     let name = |path: &PathBuf| FileReference::of(path).layer;
@@ -322,7 +326,7 @@ fn layers_in_pairs(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<Vec<Pat
     Ok((0..names.len()).map(|number| layers.iter().map(|layers| layers[number].clone()).collect()).collect())
 }
 
-/// Makes a file of trees, each of which becomes a layer.
+/// Writes a file from trees, each of which becomes a layer.
 fn store_all(
     derivations: Vec<Derivation>,
     target: TreeTarget,
@@ -353,10 +357,11 @@ fn store_all(
     Ok(all)
 }
 
-/// Counts which values of one file meet which of another, with classes numbered as the first's: see [`crosstab`]; and what was converted.
+/// Counts the pairs of values of two files, with classes numbered as in the first: see
+/// [`crosstab`]. Also returns the conversions.
 ///
 /// # Errors
-/// As [`combine`]; also if there are too many pairs.
+/// Those of [`combine`]; also if there are too many pairs.
 pub fn crosstab_files(
     first: &Path,
     second: &Path,
@@ -375,7 +380,7 @@ pub fn crosstab_files(
     Ok((pairs.into_iter().map(shown).collect(), reconciled.conversions))
 }
 
-/// Views of all of some files, with their names.
+/// Views of whole files, with their names.
 fn open_all(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<(String, View)>> {
     let open = |path: &PathBuf| {
         let file = TreeFile::open_only(path, &access.into())?;
@@ -384,7 +389,8 @@ fn open_all(paths: &[PathBuf], access: &FileAccess) -> Result<Vec<(String, View)
     paths.iter().map(open).collect()
 }
 
-/// Says which operands of a set operation have no VOID, so that all of their cells are taken for present, where that is hardly meant.
+/// Warns about operands of a set operation that have no VOID, so that all of their cells are
+/// present, if that is probably not intended.
 fn warn_full(
     operation: CombineOperation,
     views: &[View],
@@ -407,8 +413,9 @@ fn warn_full(
     Ok(())
 }
 
-/// Advice on a tree without VOID in which 0 may stand for nothing: the command that makes it VOID. `None` if some cells are VOID, none is 0,
-/// or cells are computed, so that nobody knows before they are.
+/// Advice on a tree without VOID in which 0 may mean no data: the command that makes it VOID.
+/// `None` if some cells are VOID, none is 0, or cells are computed, so that this is unknown in
+/// advance.
 pub(crate) fn void_advice(name: &str, source: &ViewSource) -> Result<Option<String>> {
     if source.is_computed() {
         return Ok(None);
@@ -425,41 +432,42 @@ pub(crate) fn void_advice(name: &str, source: &ViewSource) -> Result<Option<Stri
     }))
 }
 
-/// Whether cells of a view are coverage: how far a body fills them.
+/// Whether cells of a view store coverage: the fraction that solids fill.
 fn is_coverage(view: &View) -> bool {
     super::coverage::full(view.form(), view.source().header().rule).is_some()
 }
 
-/// INNER nodes that a view of all of a file has, about: those of the file, or as many fewer as its cells are larger.
+/// Approximate number of INNER nodes in a view of a whole file: that of the file, divided by the
+/// cell size in cells of the file.
 fn expected_records(view: &View) -> Result<u64> {
     let cells = view.to_source().determinant().abs().max(1.0);
     Ok((view.source().shared_records()? as f64 / cells) as u64)
 }
 
-/// Numbers with commas between them.
+/// Numbers separated by commas.
 fn list(numbers: &[u64]) -> String {
     numbers.iter().map(u64::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// A tree to derive from views, with the header and metadata of the first one's file.
+/// Tree to derive from views, with the header and metadata of the first view's file.
 struct Derivation {
     views: Vec<View>,
     operation: CombineOperation,
-    /// Value of cells that the operation makes of nothing.
+    /// Value of cells that the operation fills.
     fill: Option<Number>,
-    /// Where it does.
+    /// Region in which it fills cells.
     universe: Universe,
     /// See [`FileView::moves`].
     moves: bool,
-    /// INNER nodes that the result has at least, about, as far as is known.
+    /// Approximate minimum number of INNER nodes in the result, as far as is known.
     least: u64,
-    /// The meaning of the values.
+    /// Meaning of the values.
     description: Description,
-    /// A line to add to the first file's provenance.
+    /// Line to add to the first file's provenance.
     provenance: String,
 }
 
-/// A tree that is ready to be written.
+/// Tree that is ready to be written.
 struct Prepared {
     source: Combined,
     header: Header,
@@ -498,7 +506,7 @@ impl Derivation {
             }
             None => self.provenance,
         });
-        // (What a tree on another grid is made of tells what was there before.)
+        // (Of a tree on another grid, cells are counted in its source.)
         let before: Result<Vec<u64>> = views.iter().map(|view| view.source().cells_before()).collect();
         let before = before?;
         let mut source = Combined::new(views, self.operation, extent)?;

@@ -1,4 +1,4 @@
-//! Files of several layers: what is done to each, and layers that come and go.
+//! Files of several layers: listing, adding and dropping layers.
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +14,8 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, Header, Metadata};
 use spinney_crs::Frame;
 
-/// Paths of the layers that a path means: all of a file, or the one that it names. A file of one layer is meant as it is.
+/// Paths of the layers that a path refers to: all of a file, or the one that it names. The path of
+/// a file with one layer is returned unchanged.
 ///
 /// ```
 /// # std::env::set_current_dir(concat!(env!("CARGO_MANIFEST_DIR"), "/../..")).unwrap();
@@ -37,24 +38,26 @@ pub fn layer_paths(path: &Path, access: &FileAccess) -> Result<Vec<PathBuf>> {
     })
 }
 
-/// The path, if it means one layer.
+/// Checks that a path refers to one layer.
 ///
 /// # Errors
-/// If it means a file of several without naming one, or the file cannot be read.
+/// If it refers to a file of several layers without naming one, or the file cannot be read.
 pub fn only_layer(path: &Path, access: &FileAccess) -> Result<()> {
     TreeFile::open_only(path, &access.into()).map(|_| ())
 }
 
-/// The largest depth of some trees: that of a file which has them as layers.
+/// Maximum depth of some trees: the depth of a file that has them as layers.
 pub(super) fn file_depth<'h>(headers: impl IntoIterator<Item = &'h Header>) -> u8 {
     headers.into_iter().map(Header::depth).max().unwrap_or(0)
 }
 
-/// Adds what is seen of a tree to a file as a layer. A Goblin file is written anew, its other layers' bytes as they are; an Autumnal
-/// file gets a commit, which is returned. It is opened with the access of the view.
+/// Adds the view to a file as a layer. A Goblin file is rewritten, with the bytes of its other
+/// layers unchanged. An Autumnal file gets a commit, which is returned. The file is opened with the
+/// view's access.
 ///
 /// # Errors
-/// If the tree does not lie in the file's space, a layer of that name is there, the file cannot be written, or on interruption.
+/// If the tree does not lie in the file's space, a layer of that name exists, the file cannot be
+/// written, or on cancellation.
 pub fn add_layer(
     path: &Path,
     name: &str,
@@ -118,7 +121,7 @@ pub fn add_layer(
     }
 }
 
-/// A view on the cells of a file's layer, from its first cell on.
+/// View resampled to the grid of a file's layer, from the layer's first cell on.
 fn on_cells_of(
     layer: TreeFile,
     path: &Path,
@@ -148,7 +151,7 @@ fn on_cells_of(
     grid.bring(1, view)
 }
 
-/// Advice for a tree of which a part lies beyond a file.
+/// Advice for a tree that reaches beyond a file.
 fn cut(path: &Path, other: &Path) -> String {
     format!(
         "`spinney transform {} like={},extent=a -o cut.goblin` cuts it off",
@@ -157,10 +160,12 @@ fn cut(path: &Path, other: &Path) -> String {
     )
 }
 
-/// Takes a layer out of a file: a Goblin file is written anew, an Autumnal file gets a commit without it, which is returned.
+/// Drops a layer of a file. A Goblin file is rewritten; an Autumnal file gets a commit without the
+/// layer, which is returned.
 ///
 /// # Errors
-/// If there is none of that name, or no other, the file cannot be written, or on interruption.
+/// If there is no layer of that name, or no other layer, the file cannot be written, or on
+/// cancellation.
 pub fn drop_layer(
     path: &Path,
     name: &str,
@@ -177,7 +182,7 @@ pub fn drop_layer(
     }
     match &file {
         TreeFile::Autumnal(_) => {
-            // (No node is made, which memory would be needed for.)
+            // (No nodes are built, so no memory is needed.)
             let mut editor = Editor::open_with(&place.file, 0, access)?;
             editor.drop_layer(&layers[dropped].name)?;
             editor.commit(note)
@@ -195,15 +200,16 @@ pub fn drop_layer(
     }
 }
 
-/// The error of changing what a manifest lists.
+/// Error for a change to the layers of a manifest.
 #[cold]
 fn only_listed(path: &Path) -> Error {
     let advice = "change its files, or make one of them (`spinney convert`)";
     Error::unsupported(path, "changing the layers of a manifest", advice)
 }
 
-/// Opens a file whose layers are to change. A Goblin file, which is written anew, has a lock that is given back when what stands beside it is
-/// dropped: what others do to the file between reading and replacing it would be undone. (An Autumnal file is locked by its editor.)
+/// Opens a file whose layers are to change. A Goblin file is rewritten, so it is locked until the
+/// returned lock is dropped: changes by other processes between reading and replacing the file
+/// would be lost. (An Autumnal file is locked by its editor.)
 fn open_to_change(path: &Path, access: &FileAccess) -> Result<(TreeFile, Option<ReplaceLock>)> {
     match TreeFile::open(path, &access.into())? {
         TreeFile::Goblin(_) => {
@@ -215,7 +221,7 @@ fn open_to_change(path: &Path, access: &FileAccess) -> Result<(TreeFile, Option<
     }
 }
 
-/// The name that a file's only layer gets when there are others beside it, if it has none.
+/// Name that an unnamed only layer gets when another layer is added.
 fn stem(path: &Path) -> String {
     let file = FileReference::of(path).file;
     without_query(&file)
@@ -223,7 +229,7 @@ fn stem(path: &Path) -> String {
         .map_or_else(|| "layer".into(), |stem| stem.to_string_lossy().into_owned())
 }
 
-/// Copies layers of a Goblin file, by their numbers; one without a name gets one.
+/// Copies layers of a Goblin file, selected by index; an unnamed layer gets the name `unnamed`.
 fn copy_layers(
     file: &TreeFile,
     writer: &mut TreeWriter,
@@ -243,13 +249,13 @@ fn copy_layers(
     Ok(())
 }
 
-/// The number of halvings that lead from a frame's cells to another's, if the same cell begins both.
+/// Number of halvings from one frame's cells to another's, if both begin at the same position.
 fn coarser_by(fine: &Frame, coarse: &Frame, (axes, most): (usize, u8)) -> Option<u8> {
     let is_same = |shift: &u8| {
         let frame = fine.coarser(*shift);
         let size =
             frame.matrix.iter().flat_map(|row| &row[..3]).fold(0.0, |size: f64, part| size.max(part.abs()));
-        // (The height of a quadtree's cells means nothing.)
+        // (A quadtree's cells have no height.)
         let numbers = |frame: &Frame| -> Vec<f64> {
             let row = |row: [f64; 4]| row.into_iter().enumerate().filter(|(at, _)| *at < axes || *at == 3);
             frame.matrix.into_iter().take(axes).flat_map(row).map(|(_, number)| number).collect()

@@ -1,9 +1,10 @@
-//! Operations on trees: sources made of sources.
+//! Operations on trees: sources that derive from other sources.
 //!
-//! A [`View`] shows a file through any chain of windows, translations, scalings, mirrorings and rotations; a
-//! [`Combined`] merges several views into one tree, by presence or by value. Both read only what somebody
-//! asks for, and can be asked, walked and stored like any other source. Edits of Autumnal files are such
-//! sources, too, stored where they came from ([`edit()`]).
+//! A [`View`] reads a file through a chain of windows, translations, scalings, mirrorings and
+//! rotations. A [`Combined`] merges several views into one tree, by presence or by value. Both
+//! compute nodes only on request, and can be queried, traversed and stored like any other source.
+//! Edits of Autumnal files are such sources, too, and are stored in the file that they read
+//! ([`edit()`]).
 
 mod affine;
 mod blame;

@@ -1,4 +1,4 @@
-//! Operations that merge trees into one, cell by cell, and the actions on nodes that follow from them.
+//! Operations that merge trees cell by cell, and the actions on nodes that follow from them.
 
 use std::fmt;
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use spinney_base::SetOperation;
 use spinney_base::value::{Rule, Value};
 
-/// Choice of the value where both trees have one.
+/// Whose value a cell gets where both trees have one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Prefer {
@@ -18,7 +18,7 @@ pub enum Prefer {
     Second,
 }
 
-/// An operation that merges trees into one, cell by cell; a cell is present if it is not VOID.
+/// Operation that merges trees into one, cell by cell. A cell is present if it is not VOID.
 ///
 /// ```
 /// use spinney::{CombineOperation, SetOperation};
@@ -30,41 +30,44 @@ pub enum Prefer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CombineOperation {
-    /// A set operation on presence. The union takes any number of trees, the complement needs no second one.
+    /// Set operation on presence. The union takes any number of trees; the complement needs no
+    /// second tree.
     ///
-    /// Trees of bytes with [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy) tell how far bodies cover cells, 255
-    /// being full; there the operations are on the bodies, which are taken to overlap as far as they can: see
-    /// [`joined_coverage`](crate::store::builder::joined_coverage). Where both bodies' surfaces go through a cell,
-    /// the intersection is at most half a cell too large and the union as much too small; everywhere else they are
-    /// exact.
+    /// In trees of bytes with [`Rule::Occupancy`](spinney_base::value::Rule::Occupancy), cells
+    /// store the coverage by solids, 255 being full. Set operations then apply to the solids, which
+    /// are assumed to overlap as far as possible: see
+    /// [`joined_coverage`](crate::store::builder::joined_coverage). In cells that both surfaces
+    /// cross, the intersection is at most half a cell too large, and the union at most half a cell
+    /// too small. All other cells are exact.
     Set {
         /// The operation.
         operation: SetOperation,
-        /// Choice of the value where both are present.
+        /// Whose value is taken where both trees are present.
         prefer: Prefer,
     },
-    /// The first of any number of trees that is present.
+    /// Value of the first tree that is present, out of any number of trees.
     Over,
-    /// The least value per channel, where all are present.
+    /// Minimum per channel where all trees are present.
     Min,
-    /// The largest value per channel, where all are present.
+    /// Maximum per channel where all trees are present.
     Max,
-    /// The sum per channel, where all are present; kept within what the type can hold.
+    /// Sum per channel where all trees are present, clamped to the sample type's range.
     Add,
-    /// The first minus all others, where all are present; kept within what the type can hold.
+    /// First tree minus all others where all are present, clamped to the sample type's range.
     Subtract,
-    /// The cells in which two trees have the same value.
+    /// Cells in which two trees have the same value.
     Equal,
-    /// The cells in which two trees differ, with the second's value, or the first's where the second is VOID.
+    /// Cells in which two trees differ, with the second tree's value, or the first's where the
+    /// second is VOID.
     Changed,
 }
 
 impl CombineOperation {
-    /// Whether all cells of the first tree belong to the result with their values, so that it has about as many nodes at
-    /// least.
+    /// Whether the result keeps all of the first tree's cells with their values. It then has about
+    /// as many nodes or more.
     pub(super) fn keeps_first(self, rule: Rule) -> bool {
         match self {
-            // (Bodies that are joined may hide each other.)
+            // (Of joined solids, one can hide the other.)
             CombineOperation::Set { operation, prefer } => {
                 let keeps = operation.contains(true, true) && operation.contains(true, false);
                 keeps && prefer == Prefer::First && rule != Rule::Occupancy
@@ -74,13 +77,13 @@ impl CombineOperation {
         }
     }
 
-    /// Whether cells that are in none of the trees belong to the result: there must then be a universe.
+    /// Whether the result contains cells that are in none of the trees, which requires a universe.
     pub fn needs_universe(self) -> bool {
         matches!(self, CombineOperation::Set { operation, .. } if operation.is_unbounded())
     }
 }
 
-/// The other operations with their names.
+/// Operations that are no set operations, with their names.
 const OTHERS: [(&str, CombineOperation); 7] = [
     ("over", CombineOperation::Over),
     ("min", CombineOperation::Min),
@@ -92,14 +95,14 @@ const OTHERS: [(&str, CombineOperation); 7] = [
 ];
 
 impl CombineOperation {
-    /// A set operation, with the first tree's value where both have one.
+    /// Set operation that prefers the first tree's value where both have one.
     pub const fn set(operation: SetOperation) -> CombineOperation {
         CombineOperation::Set { operation, prefer: Prefer::First }
     }
 
-    /// The operation with a name (or with an index, 0 to 15), as people write it: `union`, `a-b`, `min`;
-    /// `prefer` is for set operations. `mask` is the intersection with the first tree's values. `None` if
-    /// there is none of that name.
+    /// Operation with this name or index (0 to 15), as in `union`, `a-b`, `min`. `prefer` applies
+    /// to set operations. `mask` is the intersection with the first tree's values. Returns `None`
+    /// for unknown names.
     pub fn named(name: &str, prefer: Prefer) -> Option<CombineOperation> {
         if name == "mask" {
             return Some(CombineOperation::set(SetOperation::Intersection));
@@ -110,7 +113,7 @@ impl CombineOperation {
         }
     }
 
-    /// The join of values where both trees have one, if the operation computes with values.
+    /// How values are joined where both trees have one, if the operation computes values.
     pub(super) fn join(self) -> Option<Join> {
         match self {
             CombineOperation::Min => Some(Join::Min),
@@ -123,19 +126,19 @@ impl CombineOperation {
         }
     }
 
-    /// The ways to merge two trees inside the universe, outside, and across its border. `full` is the value of
-    /// full cells, if cells tell coverage.
+    /// How to merge two trees inside the universe, outside, and across its border. `full` is the
+    /// value of full cells, if cells store coverage.
     pub(super) fn mergings(self, full: Option<Value>) -> [Merging; 3] {
         let of = |actions, join| Merging { actions, join, full: None };
         match (self, full) {
             (CombineOperation::Set { operation, .. }, Some(_)) => {
                 coverage::mergings(operation).map(|merging| Merging { full, ..merging })
             }
-            // (Without values to be joined, nobody asks how.)
+            // (No values are joined here: any join will do.)
             (CombineOperation::Set { operation, prefer }, None) => {
                 merge_tables(operation, prefer).map(|actions| of(actions, Join::Equal))
             }
-            // Of two trees the first that is present is the union.
+            // The first of two trees that is present: same as the union.
             (CombineOperation::Over, _) => {
                 merge_tables(SetOperation::Union, Prefer::First).map(|actions| of(actions, Join::Equal))
             }
@@ -147,7 +150,8 @@ impl CombineOperation {
         }
     }
 
-    /// Whether values of the tree of this number can be values of the result. Of bodies, how far they fill cells always counts.
+    /// Whether values of the tree with this index can become values of the result. For solids,
+    /// coverage always counts.
     pub(super) fn takes_values_of(self, tree: usize, are_bodies: bool) -> bool {
         let CombineOperation::Set { operation, prefer } = self else { return true };
         let (alone, prefers) = match tree {
@@ -157,7 +161,7 @@ impl CombineOperation {
         are_bodies || alone || prefers && operation.contains(true, true)
     }
 
-    /// Numbers of trees that it takes.
+    /// Accepted numbers of trees.
     pub(super) fn takes(self) -> std::ops::RangeInclusive<usize> {
         match self {
             CombineOperation::Set { operation: SetOperation::Complement, .. } => 1..=2,
@@ -174,8 +178,8 @@ impl From<SetOperation> for CombineOperation {
     }
 }
 
-/// The name that people write, as [`CombineOperation::named`] takes it, and whose values are taken if not the first
-/// tree's.
+/// Writes the name that [`CombineOperation::named`] accepts, and whose values are preferred if
+/// these are not the first tree's.
 impl fmt::Display for CombineOperation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let CombineOperation::Set { operation, prefer } = *self else {
@@ -183,7 +187,7 @@ impl fmt::Display for CombineOperation {
             return f.write_str(name);
         };
         f.write_str(operation.name())?;
-        // Where both have a value and none of them stays, nobody asks whose.
+        // If no cell has both values, the preference has no effect.
         if prefer == Prefer::Second && operation.contains(true, true) {
             f.write_str(" --values b")
         } else {
@@ -192,8 +196,8 @@ impl fmt::Display for CombineOperation {
     }
 }
 
-/// The action for a node where values are joined: VOID where one of the trees is; with `or_one`, the other
-/// tree's node.
+/// Action for a pair of nodes whose values are joined: VOID where one tree is VOID; with `or_one`,
+/// the other tree's node instead.
 fn join_action(or_one: bool, states: [MergeState; 2]) -> MergeAction {
     match states {
         [MergeState::Void, MergeState::Void] => MergeAction::Void,
@@ -205,7 +209,7 @@ fn join_action(or_one: bool, states: [MergeState; 2]) -> MergeAction {
     }
 }
 
-/// States that cells below a node can have, as far as the node's own state says.
+/// States that the cells below a node can have, given the node's own state.
 #[derive(Clone, Copy)]
 struct Possible {
     present: bool,
@@ -221,26 +225,27 @@ impl Possible {
     }
 }
 
-/// A set operation's actions for nodes inside the extent, outside, and across its border.
+/// A set operation's actions for nodes inside the universe, outside, and across its border.
 fn merge_tables(operation: SetOperation, prefer: Prefer) -> [MergeTable; 3] {
     let parts = [(true, false), (false, true), (true, true)];
     parts.map(|part| MergeTable::new(|states| merge_action(operation, prefer, states, part)))
 }
 
-/// The action for a node, some of whose cells are inside the extent, or outside: tries all combinations of
-/// presence that are possible below it.
+/// Action for a pair of nodes with cells inside the universe, outside, or both. Tries all
+/// combinations of presence that can occur below the nodes.
 fn merge_action(
     operation: SetOperation,
     prefer: Prefer,
     states: [MergeState; 2],
     (inside, outside): (bool, bool),
 ) -> MergeAction {
-    // Below an INNER node cells may be present or VOID. Each combination that can occur adds an outcome; if
-    // there is only one outcome for all cells, the node needs no split.
+    // Below an INNER node cells may be present or VOID. Each combination that can occur adds an
+    // outcome. If all cells have the same outcome, the node needs no split.
     let [first, second] = states.map(Possible::of);
-    // Whether a cell of the result may be VOID, or of the first, the second, or of neither.
+    // Whether a cell of the result may be VOID; whether it may come from the first tree, the
+    // second, or neither (filled).
     let (mut void, mut of) = (false, [false; 3]);
-    // Whether the result is just one of the trees as it is: then its whole subtree can be taken over.
+    // Whether the result equals one of the trees: then its whole subtree can be reused.
     let mut is = [true; 2];
     for (a, b) in [(true, true), (true, false), (false, true), (false, false)] {
         let possible =
@@ -258,7 +263,7 @@ fn merge_action(
         match whose {
             Some(whose) if belongs => of[whose] = true,
             None if belongs => {
-                // Outside the extent there is nothing to fill.
+                // Nothing is filled outside the universe.
                 of[2] |= inside;
                 void |= outside;
             }

@@ -1,4 +1,4 @@
-//! Changes to parts of a tree: boxes, polygons, nodes, single cells.
+//! Changes to regions of a tree: boxes, polygons, nodes, single cells.
 
 use spinney_base::TreeType;
 use spinney_base::space::{Bounds, Code, Cover};
@@ -9,34 +9,34 @@ use spinney_overlay::Polygon;
 /// Effect of a patch on a node.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Change {
-    /// Nothing.
+    /// No effect.
     Keep,
-    /// All of it becomes one value, or VOID.
+    /// The whole node becomes one value, or VOID.
     Uniform(Option<Value>),
-    /// Different things to different children. Never said of a single cell.
+    /// The effect differs between children. Never returned for a single cell.
     Split,
 }
 
 /// Changes to a tree.
 pub trait Patch: Send + Sync {
-    /// The effect on a node, whose cells are `bounds`.
+    /// Effect on a node whose cells are `bounds`.
     fn change(&self, code: Code, bounds: &Bounds) -> Change;
 }
 
-/// A cell's coordinates and its value; `None` is VOID.
+/// Cell coordinates and value; `None` is VOID.
 type NewCell = ([u64; 3], Option<Value>);
 
 /// Single cells with new values.
 #[derive(Clone, Debug)]
 pub struct CellPatch {
     depth: u8,
-    /// In FD order, each once.
+    /// In FD order, each cell once.
     cells: Vec<(Code, Option<Value>)>,
 }
 
 impl CellPatch {
-    /// Cells of a tree of some form, depth and extent and their new values (`None` is VOID), in any order; of
-    /// several values for one cell the last counts.
+    /// Patch of the cells of a tree of this type, depth and extent, with new values (`None` is
+    /// VOID), in any order. The last value of a cell wins.
     ///
     /// # Errors
     /// If a cell is outside the extent.
@@ -55,7 +55,7 @@ impl CellPatch {
         let present = |value: Option<Value>| value.filter(|value| !form.value.is_nan(*value));
         let cells = cells.into_iter().map(|(cell, value)| Ok((code(cell)?, present(value))));
         let mut cells = cells.collect::<Result<Vec<_>>>()?;
-        // (The sort is stable: the last of several stays behind the others.)
+        // (The sort is stable: the last value of a cell stays last.)
         sort::by_key(&mut cells, |(code, _)| code.bits());
         let mut last = 0;
         for next in 0..cells.len() {
@@ -71,8 +71,9 @@ impl CellPatch {
 
 impl Patch for CellPatch {
     fn change(&self, code: Code, _: &Bounds) -> Change {
-        // Preorder: a node's code sorts before those of all cells below it and after those of all cells
-        // before it. So the first cell that does not come before a node is in it, or none is.
+        // In preorder, a node's code sorts before those of all cells below it, and after those of
+        // all earlier cells. So either the first cell that is not before the node is in it, or none
+        // is.
         let first = self.cells.partition_point(|(cell, _)| cell.bits() < code.bits());
         match self.cells.get(first) {
             Some((cell, value)) if code.contains(*cell) => {
@@ -87,11 +88,11 @@ impl Patch for CellPatch {
     }
 }
 
-/// A region that becomes one value, or VOID.
+/// Region that is filled with one value, or made VOID.
 #[derive(Clone, Debug)]
 pub struct FillPatch {
     region: FillRegion,
-    /// Nothing changes outside.
+    /// Cells outside of this box do not change.
     within: Bounds,
     value: Option<Value>,
 }
@@ -106,7 +107,7 @@ pub enum FillRegion {
 }
 
 impl FillRegion {
-    /// Whether some of it lies in a tree's extent.
+    /// Whether the region intersects a tree's extent.
     fn reaches(&self, extent: [u64; 3]) -> bool {
         match self {
             FillRegion::Box(region) => !region.intersect(&Bounds::picture(extent)).is_empty(),
@@ -119,10 +120,10 @@ impl FillRegion {
 }
 
 impl FillPatch {
-    /// Fills what of a region lies in a tree's extent.
+    /// Fills the intersection of a region with a tree's extent.
     ///
     /// # Errors
-    /// If nothing of it does.
+    /// If the intersection is empty.
     pub fn new(region: FillRegion, extent: [u64; 3], value: Option<Value>) -> Result<FillPatch> {
         if !region.reaches(extent) {
             let [x, y, z] = extent;

@@ -1,4 +1,4 @@
-//! Autumnal trees with parts of them changed.
+//! Autumnal trees with a patch applied.
 
 use std::sync::Arc;
 
@@ -11,26 +11,26 @@ use spinney_base::TreeType;
 use spinney_base::space::Code;
 use spinney_base::value::{Value, ZoneStats};
 
-/// A commit with a patch on it. Where nothing changes it is the commit, with all that is stored below.
+/// Commit with a patch applied. Unchanged nodes are those of the commit, with their stored records.
 #[derive(Clone)]
 pub struct Patched {
     file: Arc<Autumnal>,
     patch: Arc<dyn Patch>,
 }
 
-/// An INNER node of a patched tree.
+/// INNER node of a patched tree.
 #[derive(Clone, Copy, Debug)]
 pub enum PatchedNode {
-    /// The file's, as it is.
+    /// Unchanged node of the file.
     Same(AutumnalNode),
-    /// One below which something changes, where the file has no more than a LEAF or VOID (`None`).
+    /// Node with changes below it that is a LEAF or VOID (`None`) in the file.
     Uniform(Code, Option<Value>),
-    /// One below which something changes, where the file has this INNER node.
+    /// Node with changes below it that is this INNER node in the file.
     Changed(Code, AutumnalNode),
 }
 
 impl Patched {
-    /// Puts a patch on a commit.
+    /// Applies a patch to a commit.
     pub fn new(file: Arc<Autumnal>, patch: Arc<dyn Patch>) -> Patched {
         Patched { file, patch }
     }

@@ -1,4 +1,5 @@
-//! Steps of a chain: windows, affine maps, resamplings and calculations of a tree before it is read or stored.
+//! Operations of a view chain: windows, affine maps, resamplings and calculations that are applied
+//! to a tree before it is read or stored.
 
 use std::path::{Path, PathBuf};
 
@@ -15,81 +16,94 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::{CellLocator, Coordinates, Crs};
 
-/// One step of a chain. Its text is that of the command line: `window=0,0,512,512`, `rotate=30`.
+/// One operation of a chain. Its string is that of the command line: `window=0,0,512,512`,
+/// `rotate=30`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ViewStep {
-    /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may stick out.
+    /// `window=COL,ROW,W,H` or `window=X,Y,Z,W,H,D`: a box of cells, which may reach beyond the
+    /// extent.
     Window([i64; 3], [u64; 3]),
-    /// `window=W,S,E,N,in=world` or `window=X,Y,Z,X,Y,Z,in=world`: the cells in a box of other coordinates (`world`, `lonlat` or a
-    /// coordinate system), by its least and greatest coordinates; those along z may be infinite.
+    /// `window=W,S,E,N,in=world` or `window=X,Y,Z,X,Y,Z,in=world`: the cells in a box of other
+    /// coordinates (`world`, `lonlat` or a coordinate system), by its minimum and maximum
+    /// coordinates. Those along z may be infinite.
     WindowIn(Coordinates, [f64; 3], [f64; 3]),
-    /// `crop`: the smallest box around all that is not VOID.
+    /// `crop`: the bounding box of all cells that are not VOID.
     Crop,
-    /// `translate=DX,DY[,DZ]`: moves by cells, whole or not.
+    /// `translate=DX,DY[,DZ]`: moves by a number of cells, which may be fractional.
     Translate([f64; 3]),
-    /// `scale=F`, `scale=FX,FY[,FZ]`: so many times as many cells; one number is for all axes.
+    /// `scale=F`, `scale=FX,FY[,FZ]`: multiplies the number of cells per axis. A single factor
+    /// applies to all axes.
     Scale(Vec<f64>),
-    /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`, `y`, `z`
-    /// or a direction `VX,VY,VZ`: turns about a centre; if there is none, about the middle, where quarter
-    /// turns take whole cells to whole cells.
+    /// `rotate=DEGREES`, `rotate=DEGREES@COL,ROW`, `rotate=DEGREES,AXIS@X,Y,Z`, where AXIS is `x`,
+    /// `y`, `z` or a direction `VX,VY,VZ`: rotates about a centre. The default centre is the
+    /// middle; quarter turns about it map cells to cells.
     Rotate(f64, Turn, Option<[f64; 3]>),
-    /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a 3x4 matrix.
+    /// `mirror=x|y|z`, `transpose`, `axes=+y,-x,+z`, `affine=a,b,c,d,e,f` or the 12 numbers of a
+    /// 3x4 matrix.
     AffineMap(AffineMap),
-    /// `opaque`: VOID for what is transparent, where values have opacity.
+    /// `opaque`: makes transparent cells VOID, in values with opacity.
     Opaque,
-    /// `void=N`: VOID for cells that have this number in all channels.
+    /// `void=N`: makes cells VOID that have this number in all channels.
     Void(Number),
-    /// `depth=N`: coarser or finer cells, so that the tree has N levels below its root.
+    /// `depth=N`: resamples to coarser or finer cells, so that the tree has N levels below its
+    /// root.
     Depth(u8),
-    /// `tree-depth=N`: N levels below the root over the same cells, with room for more on the far sides.
+    /// `tree-depth=N`: N levels below the root over the same cells, which leaves empty space after
+    /// the last cell of each axis.
     TreeDepth(u8),
-    /// `subtree=/031`: a node becomes the root.
+    /// `subtree=/031`: makes a node the root.
     Subtree(String),
-    /// `embed=/2`: the root becomes that node of a larger tree.
+    /// `embed=/2`: makes the root that node of a larger tree.
     Embed(String),
-    /// `crs=DEF`: says in which coordinate system the cells lie, in place of what the file says; see [`Crs::parse`].
+    /// `crs=DEF`: overrides the file's coordinate system; see [`Crs::parse`].
     Crs(Crs),
-    /// `like=FILE`, `like=FILE,extent=a|b|union|intersection`: onto the cells of another tree (a), by the frames of both, also in another
-    /// coordinate system; over its extent, or that of this tree (b) where data of it lie beyond.
+    /// `like=FILE`, `like=FILE,extent=a|b|union|intersection`: resamples to the grid of another
+    /// tree (a), by the frames of both, also across coordinate systems. The result covers a's
+    /// extent, or this tree's (b) if its data reach beyond a's.
     Like(PathBuf, Option<OutputExtent>),
-    /// `warp=DEF`, `warp=DEF,cell=WIDTH,resampling=WAY`: to another coordinate system, onto square cells where data land.
+    /// `warp=DEF`, `warp=DEF,cell=WIDTH,resampling=WAY`: reprojects to another coordinate system,
+    /// onto square cells where data land.
     Warp(WarpTarget),
-    /// `grid=xyz`, `grid=xyz,ZOOM`: onto the cells of web maps, with the world as the root; see [`WarpGrid::web_mercator`].
+    /// `grid=xyz`, `grid=xyz,ZOOM`: resamples to the cells of web maps, with the world as the root;
+    /// see [`WarpGrid::web_mercator`].
     WebMercator(Option<u8>),
-    /// `calc=EXPRESSION`, `calc=EXPRESSION,a=FILE,type=u8`, `reduce=median`: one channel of what is calculated with the channels, and
-    /// with those of files on the same grid. `composite=B08,B04,B03`: two to four of them as channels of one tree.
+    /// `calc=EXPRESSION`, `calc=EXPRESSION,a=FILE,type=u8`, `reduce=median`: one channel that is
+    /// calculated from the channels, and from those of files on the same grid.
+    /// `composite=B08,B04,B03`: two to four of them as channels of one tree.
     Calculation(Box<Calculation>),
-    /// `components=4|8`, of octrees `6|26`: labels of the components of cells of equal value, numbered by their first cells in FD order.
-    /// Not in views: see [`transform`](super::transform).
+    /// `components=4|8`, in octrees `6|26`: labels of the connected components of cells of equal
+    /// value, numbered by their first cells in FD order. Not available in views: see
+    /// [`transform`](super::transform).
     Components(Connectivity),
-    /// `sieve=CELLS`, `sieve=AREAm2,connect=8`: gives components that are smaller to their largest neighbours. Not in views.
+    /// `sieve=CELLS`, `sieve=AREAm2,connect=8`: merges smaller components into their largest
+    /// neighbours. Not available in views.
     Sieve(Sieve),
 }
 
 /// Axis of a rotation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Turn {
-    /// An axis of the tree.
+    /// Axis of the tree.
     About(Axis),
     /// Any direction.
     AboutLine([f64; 3]),
 }
 
 impl View {
-    /// The view with some steps done to it, one after the other.
+    /// Applies operations to the view, in order.
     ///
     /// # Errors
-    /// If a step cannot be done.
+    /// If an operation cannot be applied.
     pub fn through(self, steps: &[ViewStep]) -> Result<View> {
         steps.iter().try_fold(self, |view, step| step.apply(view))
     }
 }
 
 impl ViewStep {
-    /// Applies the step to a view.
+    /// Applies the operation to a view.
     ///
     /// # Errors
-    /// If it cannot be done: see the methods of [`View`]; if the file that the view is to be like cannot be
+    /// If it cannot be applied (see the methods of [`View`]), or a file that it names cannot be
     /// read.
     pub fn apply(&self, view: View) -> Result<View> {
         match self {
@@ -123,10 +137,10 @@ impl ViewStep {
         }
     }
 
-    /// Applies the step to a view, also if that takes going through all of its cells.
+    /// Applies the operation to a view, also if it has to scan all cells first.
     ///
     /// # Errors
-    /// As [`ViewStep::apply`]; also if a temporary file cannot be used, or on interruption.
+    /// Those of [`ViewStep::apply`]; also if a temporary file cannot be used, or on cancellation.
     pub(super) fn apply_whole(&self, view: View, passes: &Passes<'_>) -> Result<View> {
         match self {
             ViewStep::Components(connect) => {
@@ -137,7 +151,7 @@ impl ViewStep {
         }
     }
 
-    /// Times that the step goes through all cells before the first is handed out.
+    /// Number of scans over all cells before the first result is available.
     pub(super) fn passes(&self) -> u64 {
         match self {
             ViewStep::Components(_) => 1,
@@ -146,10 +160,11 @@ impl ViewStep {
         }
     }
 
-    /// The step as a map of coordinates that are no cells, such as those of exact models: about the origin where no centre is told.
+    /// The operation as a map of coordinates that are not cells, such as those of exact models.
+    /// Rotates about the origin if no centre is given.
     ///
     /// # Errors
-    /// If it is no such map.
+    /// If it is not an affine map.
     pub fn as_map(&self) -> Result<AffineMap> {
         match self {
             ViewStep::Translate(by) => Ok(AffineMap::translation(*by)),
@@ -173,12 +188,13 @@ impl ViewStep {
         }
     }
 
-    /// Whether the step leads onto cells of another grid, which may lie in another coordinate system: `like=`, `warp=` and `grid=`.
+    /// Whether the operation resamples to another grid, possibly in another coordinate system:
+    /// `like=`, `warp=` and `grid=`.
     pub(super) fn leads_to_grid(&self) -> bool {
         matches!(self, ViewStep::Like(..) | ViewStep::Warp(_) | ViewStep::WebMercator(_))
     }
 
-    /// The files that the step reads, besides that of the view.
+    /// Files that the operation reads in addition to the view's.
     pub fn files(&self) -> Vec<&Path> {
         match self {
             ViewStep::Like(path, _) => vec![path],
@@ -189,10 +205,10 @@ impl ViewStep {
 }
 
 impl ViewStep {
-    /// The step with other names of its [files](ViewStep::files).
+    /// The operation with other names of its [files](ViewStep::files).
     ///
     /// # Errors
-    /// Those of finding names.
+    /// Those of `name`.
     pub fn with_files(&self, name: &dyn Fn(&Path) -> Result<PathBuf>) -> Result<ViewStep> {
         Ok(match self {
             ViewStep::Like(path, extent) => ViewStep::Like(name(path)?, *extent),
@@ -206,7 +222,7 @@ impl ViewStep {
 
 fn window(view: View, min: [i64; 3], mut size: [u64; 3]) -> Result<View> {
     if view.form().axes() > 2 && min[2] == 0 && size[2] == 1 && view.extent()[2] > 1 {
-        // Four numbers mean columns of any height.
+        // Four numbers select columns of any height.
         size[2] = view.extent()[2];
     }
     let extent = view.extent();
@@ -257,7 +273,8 @@ fn rotate(view: View, degrees: f64, turn: Turn, centre: Option<[f64; 3]>) -> Res
         Turn::About(axis) => AffineMap::rotation(axis, degrees, about),
         Turn::AboutLine(direction) => AffineMap::rotation_about(direction, degrees, about)?,
     };
-    // A quarter turn about the middle of an odd by an even number of cells would cut all of them in half.
+    // A quarter turn about the middle of an odd by an even number of cells would cut every cell in
+    // half.
     let map = if centre.is_none() { map.on_whole_cells(view.extent()) } else { map };
     view.transform(&map)
 }
@@ -270,7 +287,7 @@ fn subtree(view: View, code: &str) -> Result<View> {
         return Err(Error::invalid("subtree", code.to_string(), expected));
     }
     let node = code.bounds(depth);
-    // As much of the picture as lies in the node: it need not begin there.
+    // The part of the extent that lies in the node. It need not begin at the node's first cell.
     let extent: [u64; 3] =
         std::array::from_fn(|axis| view.extent()[axis].saturating_sub(node.min[axis]).min(node.size()[axis]));
     view.window(node.min.map(|cell| cell as i64), extent)?.deepened(depth - code.level())
@@ -296,7 +313,8 @@ fn warp(view: View, target: &WarpTarget) -> Result<View> {
     view.resampling(target.resampling).warped(&grid)
 }
 
-/// The view on the cells of a file, over the requested part of the world; else over the file's extent, or the view's own where data lie beyond it.
+/// View on the cells of a file, over the requested extent. The default is the file's extent, or the
+/// view's own if its data reach beyond the file's.
 fn like(view: View, path: &Path, extent: Option<OutputExtent>) -> Result<View> {
     let other = TreeFile::open(path, &view.source().access().into())?;
     let dimension = view.form().dimension;
@@ -309,7 +327,7 @@ fn like(view: View, path: &Path, extent: Option<OutputExtent>) -> Result<View> {
     let grid_for = |located: Located<'_>, choice: OutputExtent| {
         CommonGrid::of(&[Located::of(&name, &target), located], dimension, choice, Position::World)
     };
-    // (What is VOID around the data is no reason for more cells.)
+    // (VOID cells around the data do not require a larger extent.)
     let located = || -> Result<Located<'_>> {
         let own = Located::of(&here, &view);
         let data = data_box(&view)?.unwrap_or(own.data);
@@ -336,10 +354,12 @@ fn like(view: View, path: &Path, extent: Option<OutputExtent>) -> Result<View> {
             expected,
         ));
     }
-    // An affine map takes the centre of a cell, or the file's rule for areas. All other ways are the warper's, also within one system.
+    // An affine map samples cell centres, or averages areas by the file's rule. The warper does all
+    // other resamplings, also within one coordinate system.
     match view.warp().resampling {
         None | Some(Resampling::Nearest) => grid.bring(1, view),
-        // (Cells that lie on the other's are the same by any way, and are copied with the nodes that have them.)
+        // (Cells that coincide with the other grid's are the same under any resampling, and are
+        // copied with their nodes.)
         Some(_) if grid.shift(1).is_some() => grid.bring(1, view),
         Some(way) if dimension == Dimension::Oct => {
             let expected = "nearest, or none: cells of an octree are averaged by its own rule";

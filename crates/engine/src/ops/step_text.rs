@@ -1,4 +1,4 @@
-//! Text form of steps: parsing and printing.
+//! String format of view operations: parsing and printing.
 
 use std::fmt;
 use std::str::FromStr;
@@ -9,7 +9,7 @@ use super::step::{Turn, ViewStep};
 use spinney_base::{Error, Result};
 use spinney_crs::{Coordinates, Crs};
 
-/// All steps, for the message about an unknown one.
+/// All operations, for the message about an unknown one.
 const STEPS: &str = "window=, crop, translate=, scale=, rotate=, mirror=, transpose, axes=, affine=, depth=, \
                      tree-depth=, subtree=, embed=, crs=, like=, warp=, grid=, opaque, void=, calc=, reduce=, \
                      composite=, components= or sieve=";
@@ -75,16 +75,16 @@ impl FromStr for ViewStep {
     }
 }
 
-/// The text of a step, split into name and arguments.
+/// String of an operation, split into name and arguments.
 struct StepText<'a> {
     whole: &'a str,
     name: &'a str,
-    /// All behind the `=`.
+    /// Everything after the `=`.
     arguments: &'a str,
-    /// The arguments before the `@`, and behind.
+    /// Arguments before the `@`, and after it.
     list: &'a str,
     centre: Option<&'a str>,
-    /// The list, if it is one of finite numbers.
+    /// The list, if it consists of finite numbers.
     numbers: Option<Vec<f64>>,
 }
 
@@ -247,7 +247,7 @@ impl<'a> StepText<'a> {
     }
 }
 
-/// Numbers with commas between them.
+/// Parses numbers that are separated by commas.
 fn numbers(list: &str) -> Option<Vec<f64>> {
     list.split(',').map(|number| number.trim().parse().ok()).collect()
 }
@@ -265,14 +265,14 @@ fn symmetry(from: [Axis; 3], mirror: [bool; 3]) -> Result<ViewStep> {
     AffineMap::symmetry(from, mirror).map(ViewStep::AffineMap)
 }
 
-/// The notation that [`FromStr`] reads; reading it gives the same step.
+/// Writes the notation that [`FromStr`] reads; parsing it gives the same operation.
 impl fmt::Display for ViewStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             ViewStep::Window([x, y, 0], [w, h, 1]) => write!(f, "window={x},{y},{w},{h}"),
             ViewStep::Window(min, size) => write!(f, "window={},{}", List(min), List(size)),
             ViewStep::WindowIn(coordinates, low, high) => {
-                // (What is infinite is not said.)
+                // (Infinite bounds are omitted.)
                 let axes = if low[2].is_finite() && high[2].is_finite() { 3 } else { 2 };
                 write!(f, "window={},{},in=", List(&low[..axes]), List(&high[..axes]))?;
                 match coordinates {
@@ -299,7 +299,8 @@ impl fmt::Display for ViewStep {
             ViewStep::TreeDepth(depth) => write!(f, "tree-depth={depth}"),
             ViewStep::Subtree(code) => write!(f, "subtree={code}"),
             ViewStep::Embed(code) => write!(f, "embed={code}"),
-            // (In one line, as a part of the provenance; a break means no more than a space.)
+            // (On one line, since it is part of the provenance; a line break means no more than a
+            // space.)
             ViewStep::Crs(crs) => write!(f, "crs={}", crs.definition().replace(['\n', '\r'], " ")),
             ViewStep::Like(path, extent) => {
                 write!(f, "like={}", path.display())?;
@@ -315,7 +316,7 @@ impl fmt::Display for ViewStep {
     }
 }
 
-/// Numbers with commas between them.
+/// Writes numbers that are separated by commas.
 struct List<'a, T>(&'a [T]);
 
 impl<T: fmt::Display> fmt::Display for List<'_, T> {
@@ -336,11 +337,11 @@ fn name(axis: Axis) -> &'static str {
     ["x", "y", "z"][axis as usize]
 }
 
-/// A map by the shortest name that it has.
+/// Writes a map in its shortest notation.
 fn write_map(f: &mut fmt::Formatter<'_>, map: &AffineMap) -> fmt::Result {
     let rows = map.to_rows();
     if map.keeps_cells() && rows.iter().all(|row| row[3] == 0.0) {
-        // Where each of the new axes comes from, and whether it is mirrored.
+        // Source axis of each new axis, and whether it is mirrored.
         let from = rows.map(|row| {
             let column = (0..3).find(|column| row[*column] != 0.0).unwrap_or(0);
             ([Axis::X, Axis::Y, Axis::Z][column], row[column] < 0.0)

@@ -1,4 +1,4 @@
-//! Tree files of either format, and many of them as one.
+//! Tree files of either format, and manifests of many files that act as one tree.
 
 use std::fmt;
 use std::path::Path;
@@ -20,48 +20,49 @@ use spinney_container::{
 };
 use spinney_manifest::{Manifest, is_manifest};
 
-/// A tree file of either format, or a manifest of some, open for reading. A clone is the same open file.
+/// Tree file of either format, or a manifest of several files, open for reading. A clone shares the
+/// open file.
 #[derive(Clone)]
 pub enum TreeFile {
-    /// Published.
+    /// Published, read-only file.
     Goblin(Arc<Goblin>),
-    /// Edited: one of its commits.
+    /// One commit of an editable file.
     Autumnal(Arc<Autumnal>),
-    /// Many files, as a manifest tells them.
+    /// Many files, as listed in a manifest.
     Mosaic(Arc<Mosaic>),
 }
 
-/// A layer of a file: one of its trees.
+/// Layer of a file: one of its trees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LayerInfo {
-    /// Its name; may be empty if it is the only one.
+    /// Name; may be empty if the file has only this layer.
     pub name: String,
-    /// Form, rule, kind, depth and extent.
+    /// Tree type, rule, kind, depth and extent.
     pub header: Header,
-    /// Bytes of its segments and its directory, if it has those for itself: in a Goblin file.
+    /// Bytes of its segments and segment index, where the layer has its own: in Goblin files.
     pub bytes: Option<u64>,
 }
 
 /// An INNER node of an open file.
 #[derive(Clone, Copy, Debug)]
 pub enum TreeFileNode {
-    /// Of a Goblin file.
+    /// Node of a Goblin file.
     Goblin(GoblinNode),
-    /// Of an Autumnal file.
+    /// Node of an Autumnal file.
     Autumnal(AutumnalNode),
-    /// Of many files as one.
+    /// Node of a manifest's files.
     Mosaic(MosaicNode),
 }
 
 impl TreeFile {
-    /// Opens a file, or a commit or a layer of one: see [`FileReference`].
+    /// Opens a file, or a commit or a layer of it: see [`FileReference`].
     ///
     /// # Errors
-    /// If it cannot be read, is no tree file, or is damaged.
+    /// If it cannot be read, is no tree file, or is corrupt.
     pub fn open(path: &Path, options: &OpenOptions) -> Result<TreeFile> {
         let place = FileReference::of(path);
         match place.commit {
-            // There are no commits in a Goblin file: only one whose name is all of the path can be meant.
+            // Goblin files have no commits: the `@` belongs to the file name.
             Some(_)
                 if FileHeader::read(&place.file, &*options.open(&place.file)?)?.format
                     == TreeFormat::Goblin =>
@@ -72,7 +73,7 @@ impl TreeFile {
         }
     }
 
-    /// Opens the file, commit and layer of a place.
+    /// Opens the file, commit and layer of a reference.
     ///
     /// # Errors
     /// Those of [`TreeFile::open`].
@@ -118,10 +119,10 @@ impl TreeFile {
         ))
     }
 
-    /// The layers of the file, or of the commit that is read: names and headers.
+    /// Names and headers of the layers of the file, or of the commit that is read.
     ///
     /// # Errors
-    /// If one is damaged.
+    /// If a layer is corrupt.
     pub fn layers(&self) -> Result<Vec<LayerInfo>> {
         match self {
             TreeFile::Goblin(file) => {
@@ -143,7 +144,7 @@ impl TreeFile {
         }
     }
 
-    /// The number of the layer that is read.
+    /// Index of the layer that is read.
     pub fn layer_number(&self) -> usize {
         match self {
             TreeFile::Goblin(file) => file.layer_number(),
@@ -152,13 +153,13 @@ impl TreeFile {
         }
     }
 
-    /// Another layer of the same file or commit, without opening it again.
+    /// Another layer of the same file or commit, without opening the file again.
     ///
     /// # Errors
-    /// If it is damaged.
+    /// If it is corrupt.
     ///
     /// # Panics
-    /// If there is no layer of that number.
+    /// If there is no layer with this index.
     pub fn open_layer(&self, number: usize) -> Result<TreeFile> {
         match self {
             TreeFile::Goblin(file) => Ok(file.open_layer(number)?.into()),
@@ -167,7 +168,7 @@ impl TreeFile {
         }
     }
 
-    /// The file's path; what stands for one in messages, if it was read from memory.
+    /// Path of the file, or a placeholder for messages if the file was read from memory.
     pub fn path(&self) -> &Path {
         match self {
             TreeFile::Goblin(file) => file.path(),
@@ -176,7 +177,7 @@ impl TreeFile {
         }
     }
 
-    /// How the file was opened; those that it names are opened in the same way.
+    /// How the file was opened. Files that it names are opened in the same way.
     pub fn access(&self) -> &FileAccess {
         match self {
             TreeFile::Goblin(file) => file.access(),
@@ -185,12 +186,12 @@ impl TreeFile {
         }
     }
 
-    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    /// Warning about the file for its reader: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
         self.autumnal().and_then(|file| file.remark())
     }
 
-    /// The header: form, rule, shape, extent.
+    /// Header: tree type, rule, shape, extent.
     pub fn header(&self) -> &Header {
         match self {
             TreeFile::Goblin(file) => file.header(),
@@ -199,7 +200,7 @@ impl TreeFile {
         }
     }
 
-    /// The metadata: frame, nodata, palette, names, provenance.
+    /// Metadata: frame, nodata, palette, names, provenance.
     pub fn metadata(&self) -> &Metadata {
         match self {
             TreeFile::Goblin(file) => file.metadata(),
@@ -208,7 +209,7 @@ impl TreeFile {
         }
     }
 
-    /// The file's format; that of the files of a manifest.
+    /// Format of the file; for a manifest, the format of its files.
     pub fn format(&self) -> TreeFormat {
         match self {
             TreeFile::Goblin(_) | TreeFile::Mosaic(_) => TreeFormat::Goblin,
@@ -223,12 +224,12 @@ impl TreeFile {
         }
     }
 
-    /// The commit that is read; only Autumnal files have commits.
+    /// Commit that is read; `None` for Goblin files, which have no commits.
     pub fn commit(&self) -> Option<&Commit> {
         self.autumnal().map(Autumnal::commit)
     }
 
-    /// Bytes of the whole file; of a manifest those of its files, too.
+    /// Size of the whole file in bytes, for a manifest including its files.
     pub fn file_size(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.file_size(),
@@ -245,8 +246,9 @@ impl TreeFile {
         }
     }
 
-    /// Places of records in all segments, of which dense blocks need fewer, and records that are stored more than once more; in
-    /// Autumnal files the records of the commit's tree, the shared ones as often as they occur.
+    /// Number of stored records. In Goblin files these are record slots in all segments: dense
+    /// blocks need fewer, records that are stored repeatedly count repeatedly. In Autumnal files
+    /// these are the records of the commit's tree; shared records count as often as they occur.
     pub fn stored_records(&self) -> u64 {
         match self {
             TreeFile::Goblin(file) => file.stored_records(),
@@ -255,12 +257,13 @@ impl TreeFile {
         }
     }
 
-    /// INNER nodes of a tree of which a file may have stored any number once: of Autumnal files all, else none.
+    /// Number of INNER nodes in trees whose records may be shared, so that few are stored: in
+    /// Autumnal files all, else 0.
     pub(super) fn shared_records(&self) -> Result<u64> {
         self.autumnal().map_or(Ok(0), Autumnal::claimed_records)
     }
 
-    /// Name and bytes of each part of the file.
+    /// Name and size in bytes of each section of the file.
     pub fn sections(&self) -> Vec<(&'static str, u64)> {
         match self {
             TreeFile::Goblin(file) => file.sections(),
@@ -269,7 +272,8 @@ impl TreeFile {
         }
     }
 
-    /// The root, however many nodes there are below it: for those who look at each record once.
+    /// Root, with no check of how many nodes are below it: for readers that visit each record only
+    /// once.
     pub(super) fn any_root(&self) -> Result<Child<TreeFileNode>> {
         match self {
             TreeFile::Goblin(_) | TreeFile::Mosaic(_) => self.root(),
@@ -277,10 +281,11 @@ impl TreeFile {
         }
     }
 
-    /// Checks everything: see [`Goblin::verify`] and [`Autumnal::verify`]; also that nothing lies outside of the pictures.
+    /// Verifies everything (see [`Goblin::verify`] and [`Autumnal::verify`]), and that all cells
+    /// outside of the extent are VOID.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption.
+    /// If the file cannot be read, or on cancellation.
     pub fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
@@ -290,10 +295,10 @@ impl TreeFile {
         self.verify_pictures(findings?, progress)
     }
 
-    /// Checks everything but the trees of older commits.
+    /// Verifies everything but the trees of older commits.
     ///
     /// # Errors
-    /// If the file cannot be read, or on interruption.
+    /// If the file cannot be read, or on cancellation.
     pub fn verify_quickly(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let findings = match self {
             TreeFile::Goblin(file) => file.verify(memory, progress),
@@ -303,7 +308,8 @@ impl TreeFile {
         self.verify_pictures(findings?, progress)
     }
 
-    /// Makes sure of a file with which nothing else is wrong that all cells outside of its layers' pictures are VOID.
+    /// Checks that all cells outside of the layers' extents are VOID, if there are no other
+    /// findings.
     fn verify_pictures(&self, mut findings: Vec<Finding>, progress: &dyn Progress) -> Result<Vec<Finding>> {
         if !findings.is_empty() {
             return Ok(findings);
@@ -322,7 +328,7 @@ impl TreeFile {
         Ok(findings)
     }
 
-    /// The number of cells outside of the picture that are not VOID.
+    /// Number of cells outside of the extent that are not VOID.
     fn cells_outside(&self, progress: &dyn Progress) -> Result<u64> {
         let header = self.header();
         let mut rest = Bounds::space(header.form.dimension, header.depth());
@@ -334,7 +340,8 @@ impl TreeFile {
                 cells += match self {
                     TreeFile::Goblin(file) => tally_of(file, &outside, false)?.cells,
                     TreeFile::Autumnal(file) => autumnal_statistics(file, &outside, false, progress)?.cells,
-                    // (Files are checked to lie in their boxes, and these to lie in the picture.)
+                    // (Files are checked to lie in their boxes, and the boxes to lie in the
+                    // extent.)
                     TreeFile::Mosaic(_) => 0,
                 };
             }
@@ -342,7 +349,7 @@ impl TreeFile {
         Ok(cells)
     }
 
-    /// Exact statistics of a box of cells (of the deepest level).
+    /// Exact statistics of a box of cells at the deepest level.
     pub(super) fn statistics_with(
         &self,
         bounds: &Bounds,
@@ -356,8 +363,9 @@ impl TreeFile {
         }
     }
 
-    /// Writes the children of an inner node as nodes of something that stands on this file: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    /// Writes the children of an INNER node as nodes of a source that derives from this file.
+    /// Equivalent to [`Source::children`], without a second array for sources with their own node
+    /// type.
     #[inline]
     pub(super) fn children_as<N>(
         &self,
@@ -379,7 +387,8 @@ impl TreeFile {
         }
     }
 
-    /// Representative of an INNER node, where that was left out: in those that are of several files of a manifest.
+    /// Representative of an INNER node, computed if it was left out: in nodes that span several
+    /// files of a manifest.
     pub(super) fn representative(&self, node: &TreeFileNode, given: Value) -> Result<Value> {
         match (self, node) {
             (TreeFile::Mosaic(tree), TreeFileNode::Mosaic(node)) => tree.representative(node, given),
@@ -387,10 +396,10 @@ impl TreeFile {
         }
     }
 
-    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does.
     ///
     /// # Errors
-    /// If the file is damaged there, or there is no such level.
+    /// If the file is corrupt there, or there is no such level.
     pub(super) fn draw_at(
         &self,
         level: u8,
@@ -408,7 +417,7 @@ impl TreeFile {
     }
 }
 
-/// The error of a node that goes to another source than the one that it is from.
+/// Error for a node of another source.
 #[cold]
 pub(super) fn other_node(name: &Path) -> Error {
     Error::invalid(name.display().to_string(), "a node of another tree", "one of this tree")

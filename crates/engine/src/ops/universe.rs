@@ -1,4 +1,5 @@
-//! The universe of complements: where a set operation may make cells present that none of its trees has.
+//! Universe of complements: the region in which a set operation may fill cells that are in none of
+//! its trees.
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -12,44 +13,48 @@ use spinney_base::value::Number;
 use spinney_base::{Error, Result};
 use spinney_crs::Frame;
 
-/// Options of combining trees: what becomes of cells that none of them has.
+/// Options of combining trees, for cells that are in none of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CombineOptions {
-    /// Value of the cells that a set operation makes of nothing, for each channel; `None` for 255 in trees of bytes, else 1.
+    /// Value of cells that a set operation fills, for each channel; `None` for 255 in trees of
+    /// bytes, else 1.
     #[serde(with = "spinney_base::text_fields")]
     pub fill: Option<Number>,
-    /// Region in which it makes them: see [`CombineOperation::needs_universe`](super::CombineOperation::needs_universe).
+    /// Region that is filled: see
+    /// [`CombineOperation::needs_universe`](super::CombineOperation::needs_universe).
     pub universe: Universe,
-    /// Options for bringing the trees to the first.
+    /// Options for aligning the trees with the first.
     #[serde(default)]
     pub reconcile: ReconcileOptions,
 }
 
-/// The universe of operations that fill what is in none of their trees.
+/// Universe of operations that fill cells that are in none of their trees.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Universe {
-    /// A raster's picture, an octree's root: the smallest cube of a power of two of cells that holds all trees.
+    /// A raster's extent, or an octree's root: the smallest cube with a power of two of cells that
+    /// contains all trees.
     #[default]
     Usual,
-    /// The trees' pictures, and so many cells more on every side.
+    /// Extent of the trees, enlarged by this many cells on every side.
     Margin(u32),
-    /// A box of the world: its least and largest coordinates. (z does not matter to rasters.)
+    /// Box in world coordinates: minimum and maximum. (z is ignored for rasters.)
     Within(
         #[serde(with = "spinney_base::text_fields")] [f64; 3],
         #[serde(with = "spinney_base::text_fields")] [f64; 3],
     ),
 }
 
-/// How far cells may be taken from where they are: beyond, no tree is deep enough.
+/// Limit of cell coordinates: no tree is deep enough to hold more.
 const MOST: f64 = (1u64 << 40) as f64;
 
 impl Universe {
-    /// The views over a grid that holds all of the universe, and the universe's cells there.
+    /// Aligns the views with a grid that contains the whole universe; also returns the universe's
+    /// cells there.
     ///
     /// # Errors
-    /// If it is empty or so large that no tree holds it, or the world does not determine cells.
+    /// If it is empty or too large for a tree, or the world does not determine cells.
     pub(super) fn around(self, views: Vec<View>) -> Result<(Vec<View>, Bounds)> {
         let (extent, form) = (views[0].extent(), views[0].form());
         let depth = views.iter().map(View::depth).max().unwrap_or(0);
@@ -89,7 +94,7 @@ impl Universe {
     }
 }
 
-/// The whole cells of a frame that a box of the world touches; what it touches by rounding alone does not count.
+/// Cells of a frame that a box of the world touches. Contact within rounding errors does not count.
 fn box_of_cells(frame: &Frame, low: [f64; 3], high: [f64; 3]) -> Result<([f64; 3], [f64; 3])> {
     const CLOSE: f64 = 1e-6;
     let to_cells = AffineMap::from_rows(frame.matrix).inverse()?;

@@ -1,5 +1,5 @@
-//! Sources that views stand on: a tree file, one with changes that are not written yet, one seen on another grid, what is calculated with
-//! others, what somebody else makes block by block, or a tree in memory.
+//! Sources that views read: a tree file, a file with uncommitted changes, a reprojected source, a
+//! calculation, a source that is computed block by block, or a tree in memory.
 
 use std::fmt;
 use std::path::Path;
@@ -25,50 +25,50 @@ use spinney_base::{Error, Progress, Result, TreeType};
 use spinney_container::{Codec, Header, Metadata, Shape};
 use spinney_container::{HEAVY_THRESHOLD, STRIDE, reach};
 
-/// A source with the header and metadata that a file of it has.
+/// Source with the header and metadata that its file would have.
 pub enum ViewSource {
-    /// A file.
+    /// File.
     File(TreeFile),
-    /// One of its commits with changes on it that are not written yet.
+    /// Commit of a file with uncommitted changes.
     Patched(Patched),
-    /// A small tree in memory.
+    /// Small tree in memory.
     Memory(Box<MemoryTree>),
     /// Another source on the grid of another coordinate system.
     Warped(Box<Warped>),
-    /// What is calculated with the cells of others.
+    /// Calculation over the cells of other sources.
     Calculated(Box<Calculated>),
-    /// Another source with converted values, by whose nodes it goes.
+    /// Another source with converted values. Its nodes are those of that source.
     Converted(Box<Converted>),
-    /// A level of a file.
+    /// Level of a file.
     Coarse(Box<Coarse>),
-    /// Components of the cells of another.
+    /// Connected components of another source's cells.
     Regions(Box<Regions>),
-    /// A tree that somebody else makes, block by block.
+    /// Tree that is computed block by block.
     Blockwise(Box<Blockwise>),
 }
 
 /// An INNER node of a [`ViewSource`].
 #[derive(Clone, Copy, Debug)]
 pub enum ViewSourceNode {
-    /// Of a file.
+    /// Node of a file.
     File(TreeFileNode),
-    /// Of one with changes.
+    /// Node of a file with changes.
     Patched(PatchedNode),
-    /// Of a tree in memory.
+    /// Node of a tree in memory.
     Memory(<MemTree as Source>::Node),
-    /// Of one on another grid.
+    /// Node of a reprojected source.
     Warped(Code),
-    /// Of a calculated one.
+    /// Node of a calculation.
     Calculated(Code),
-    /// Of a level of a file.
+    /// Node of a file's level.
     Coarse(CoarseNode),
-    /// Of components.
+    /// Node of connected components.
     Regions(Code),
-    /// Of what is made block by block.
+    /// Node of a tree that is computed block by block.
     Blockwise(Code),
 }
 
-/// A tree in memory with the header and metadata that a file of it would have.
+/// Tree in memory with the header and metadata that its file would have.
 pub struct MemoryTree {
     tree: MemTree,
     header: Header,
@@ -76,7 +76,7 @@ pub struct MemoryTree {
 }
 
 impl MemoryTree {
-    /// A tree whose picture is the whole space, of values that are averaged, with empty metadata.
+    /// Tree whose extent is its whole space, with averaged values and empty metadata.
     fn new(tree: MemTree) -> MemoryTree {
         let (form, depth) = (tree.form(), tree.depth());
         let header = Header {
@@ -102,7 +102,8 @@ impl MemoryTree {
 }
 
 impl ViewSource {
-    /// The path of the file that all comes from; a tree in memory has none.
+    /// Path of the underlying file; `None` for a tree in memory or a tree that is computed block by
+    /// block.
     pub fn path(&self) -> Option<&Path> {
         match self {
             ViewSource::File(file) => Some(file.path()),
@@ -116,7 +117,7 @@ impl ViewSource {
         }
     }
 
-    /// How the file that all comes from was opened.
+    /// How the underlying file was opened.
     pub fn access(&self) -> FileAccess {
         match self {
             ViewSource::File(file) => file.access().clone(),
@@ -130,7 +131,7 @@ impl ViewSource {
         }
     }
 
-    /// The name for messages: the path, if there is one.
+    /// Name for messages: the path, if there is one.
     pub fn name(&self) -> &Path {
         if let ViewSource::Blockwise(tree) = self {
             return tree.name();
@@ -138,7 +139,7 @@ impl ViewSource {
         self.path().unwrap_or(Path::new("a tree in memory"))
     }
 
-    /// The file that is read as it is, without the changes on it; of what is computed there is none.
+    /// Underlying file, without changes on it; `None` if cells are computed.
     pub fn file(&self) -> Option<TreeFile> {
         match self {
             ViewSource::File(file) => Some(file.clone()),
@@ -153,7 +154,7 @@ impl ViewSource {
         }
     }
 
-    /// Whether cells are computed, which takes longer than to look them up.
+    /// Whether cells are computed, which takes longer than reading them.
     pub(crate) fn is_computed(&self) -> bool {
         match self {
             ViewSource::Warped(_)
@@ -167,13 +168,14 @@ impl ViewSource {
         }
     }
 
-    /// Whether levels above the cells are calculated from the numbers of these levels, not from the cells.
+    /// Whether levels above the cells are calculated from the values of these levels, not from the
+    /// cells.
     pub(crate) fn is_approximate(&self) -> bool {
         match self {
             ViewSource::Calculated(tree) => tree.is_approximate(),
             ViewSource::Warped(tree) => tree.source().is_approximate(),
             ViewSource::Converted(tree) => tree.leaves_cells_out() || tree.source().is_approximate(),
-            // (Levels are made by whoever builds them.)
+            // (The builder makes the levels.)
             ViewSource::Regions(_) | ViewSource::Blockwise(_) => true,
             ViewSource::File(TreeFile::Mosaic(tree)) => tree.is_approximate(),
             ViewSource::File(_) | ViewSource::Patched(_) | ViewSource::Memory(_) | ViewSource::Coarse(_) => {
@@ -182,7 +184,7 @@ impl ViewSource {
         }
     }
 
-    /// Whether levels are drawn as a whole, not node by node: representatives may be left out.
+    /// Whether levels are drawn as a whole, not node by node. Representatives may then be left out.
     pub(crate) fn draws_levels(&self) -> bool {
         match self {
             ViewSource::Calculated(_) | ViewSource::File(TreeFile::Mosaic(_)) => true,
@@ -191,7 +193,7 @@ impl ViewSource {
         }
     }
 
-    /// Representative of an INNER node, where that was left out.
+    /// Representative of an INNER node, computed if it was left out.
     pub(super) fn representative(&self, node: &ViewSourceNode, given: Value) -> Result<Value> {
         match (self, node) {
             (ViewSource::File(file), ViewSourceNode::File(node)) => file.representative(node, given),
@@ -200,7 +202,7 @@ impl ViewSource {
         }
     }
 
-    /// A remark on the file that whoever reads it should know: see [`Autumnal::remark`].
+    /// Warning about the file for its reader: see [`Autumnal::remark`].
     pub fn remark(&self) -> Option<&'static str> {
         match self {
             ViewSource::File(file) => file.remark(),
@@ -214,7 +216,7 @@ impl ViewSource {
         }
     }
 
-    /// Hands the remark on the file, if there is one, to whoever waits for the work.
+    /// Reports the warnings about the source to `progress`, if there are any.
     pub(super) fn tell_remark(&self, progress: &dyn Progress) {
         if let ViewSource::Regions(tree) = self {
             return tree.source().tell_remark(progress);
@@ -234,7 +236,7 @@ impl ViewSource {
         }
     }
 
-    /// The header: form, rule, shape, extent.
+    /// Header: tree type, rule, shape, extent.
     pub fn header(&self) -> &Header {
         match self {
             ViewSource::File(file) => file.header(),
@@ -249,7 +251,7 @@ impl ViewSource {
         }
     }
 
-    /// The metadata: frame, nodata, palette, names, provenance.
+    /// Metadata: frame, nodata, palette, names, provenance.
     pub fn metadata(&self) -> &Metadata {
         match self {
             ViewSource::File(file) => file.metadata(),
@@ -264,7 +266,7 @@ impl ViewSource {
         }
     }
 
-    /// The commit that is read; only Autumnal files have commits.
+    /// Commit that is read; `None` for other sources than Autumnal files.
     pub fn commit(&self) -> Option<&Commit> {
         match self {
             ViewSource::File(file) => file.commit(),
@@ -279,7 +281,8 @@ impl ViewSource {
         }
     }
 
-    /// INNER nodes of a tree of which a file may have stored any number once: of Autumnal files all, else none.
+    /// Number of INNER nodes in trees whose records may be shared, so that few are stored: in
+    /// Autumnal files all, else 0.
     pub(super) fn shared_records(&self) -> Result<u64> {
         match self {
             ViewSource::File(file) => file.shared_records(),
@@ -294,36 +297,39 @@ impl ViewSource {
         }
     }
 
-    /// Cells that are not VOID; of what is computed those that there were before, of what is made block by block none.
+    /// Number of cells that are not VOID. For computed sources this is the number in their input; 0
+    /// for trees that are computed block by block.
     pub(super) fn cells_before(&self) -> Result<u64> {
         match self {
             ViewSource::Calculated(tree) => tree.cells_before(),
             ViewSource::Converted(tree) => tree.source().cells_before(),
             ViewSource::Regions(tree) => tree.source().cells_before(),
             ViewSource::Coarse(tree) => ViewSource::from(tree.file().clone()).cells_before(),
-            // (They would have to be made, all of them.)
+            // (All blocks would have to be computed.)
             ViewSource::Blockwise(_) => Ok(0),
             _ => self.totals(None).map(|totals| totals.cells),
         }
     }
 
-    /// Exact statistics of a box of cells (of the deepest level), without classes, which may take longer; those of the whole picture
-    /// if there is no box, and of all of what is seen on another grid those of what it is made of.
+    /// Exact statistics of a box of cells (at the deepest level), without classes, since counting
+    /// these may take longer. Without a box, of the whole extent; for a reprojected source, of the
+    /// whole source before reprojection.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub fn totals(&self, bounds: Option<Bounds>) -> Result<Statistics> {
         let within = self.header().within_picture(bounds);
         match self {
             ViewSource::File(file) => file.statistics_with(&within, false, &()),
-            // (Its own cells would have to be computed, all of them.)
+            // (All of its own cells would have to be computed.)
             ViewSource::Warped(tree) if bounds.is_none() => tree.source().totals(None),
             _ => source_statistics(self, &within, false, &()),
         }
     }
 
-    /// Writes the children of an inner node as nodes of something that stands on this source: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    /// Writes the children of an INNER node as nodes of a source that derives from this one.
+    /// Equivalent to [`Source::children`], without a second array for sources with their own node
+    /// type.
     pub(super) fn children_as<N>(
         &self,
         node: &ViewSourceNode,
@@ -360,10 +366,10 @@ impl ViewSource {
         }
     }
 
-    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does.
     ///
     /// # Errors
-    /// If the file is damaged there, or there is no such level.
+    /// If the file is corrupt there, or there is no such level.
     pub(super) fn draw_at(
         &self,
         level: u8,
@@ -385,12 +391,12 @@ impl ViewSource {
     }
 }
 
-/// Fails unless a tree is of the same form as another one; the names are for the message.
+/// Fails unless both trees have the same type; the names are for the message.
 pub(super) fn check_form(
     (name, form): (&Path, TreeType),
     (other, expected): (&Path, TreeType),
 ) -> Result<()> {
-    // (Missing samples stay what they are: numbers, for whoever joins them with others.)
+    // (Missing samples stay numbers here; the code that joins them with others interprets them.)
     if form.without_mask() == expected.without_mask() {
         return Ok(());
     }
@@ -398,7 +404,7 @@ pub(super) fn check_form(
     Err(Error::invalid(name.display().to_string(), form.to_string(), expected))
 }
 
-/// Writes the children of a source's node with other nodes.
+/// Writes the children of a source's node with another node type.
 #[inline]
 fn children_of<S: Source, N>(
     tree: &S,
@@ -444,7 +450,7 @@ impl From<Patched> for ViewSource {
     }
 }
 
-/// The tree's picture is its whole space; the metadata are empty.
+/// The tree's extent is its whole space; the metadata are empty.
 impl From<MemTree> for ViewSource {
     fn from(tree: MemTree) -> ViewSource {
         ViewSource::Memory(Box::new(MemoryTree::new(tree)))

@@ -1,4 +1,4 @@
-//! The value of a cell that covers several cells of a source, each as far as it is covered.
+//! Value of a cell that covers several source cells, each weighted by the covered area.
 
 use glam::DVec3;
 
@@ -9,7 +9,7 @@ use spinney_base::Result;
 use spinney_base::TreeType;
 use spinney_base::value::{Rule, Value, ValueType};
 
-/// Adds up what lies in a box of the source.
+/// Accumulates the source cells in a box.
 pub(super) struct Area<'a> {
     source: &'a ViewSource,
     form: TreeType,
@@ -17,21 +17,21 @@ pub(super) struct Area<'a> {
     /// The box, in cells of the source.
     min: DVec3,
     max: DVec3,
-    /// Area (or volume) of what is not VOID.
+    /// Area (or volume) of the cells that are not VOID.
     area: f64,
-    /// Area of each channel's samples that count.
+    /// Area of each channel's samples that are present.
     areas: [f64; 4],
     /// Sums of the samples of each channel, weighted by area.
     sums: [f64; 4],
-    /// Samples are added up as they are relative to this: see [`ValueType::samples_from`].
+    /// Samples are summed relative to this value: see [`ValueType::samples_from`].
     base: Option<Value>,
-    /// Area of each value, and the first cell that has it in the box: by z, y and x.
+    /// Area of each value, and its first cell in the box, ordered by z, y and x.
     shares: Vec<(Value, f64, [i64; 3])>,
-    /// The least or largest sample of each channel.
+    /// Minimum or maximum sample of each channel.
     extreme: Option<Value>,
-    /// The value of the one node that is the whole box.
+    /// Value of the node that is the whole box, if there is one.
     exact: Option<Value>,
-    /// Whether the source's values of INNER nodes will not do.
+    /// Whether the source's values of INNER nodes must not be used.
     pub(super) goes_to_cells: bool,
 }
 
@@ -59,15 +59,16 @@ impl<'a> Area<'a> {
         }
     }
 
-    /// Adds what a source node with its first cell at `at` and `2^size` cells along each axis has in the box.
+    /// Adds the part of a source node that lies in the box. The node's first cell is `at`; it has
+    /// `2^size` cells along each axis.
     pub(super) fn add(&mut self, child: &Child<ViewSourceNode>, at: [i64; 3], size: u8) -> Result<()> {
         if matches!(child, Child::Void) {
             return Ok(());
         }
         let axes = self.form.axes();
         let side = (1i64 << size) as f64;
-        // The part of the node that is in the box, whether that is all of it, and whether it is all of the
-        // box.
+        // Size of the intersection of node and box, whether that is the whole node, and whether the
+        // node contains the whole box.
         let mut share = 1.0;
         let (mut inside, mut all) = (true, true);
         for (axis, at) in at.iter().enumerate().take(axes) {
@@ -86,7 +87,7 @@ impl<'a> Area<'a> {
                 let first = |axis: usize| at[axis].max((self.min[axis] + TINY).floor() as i64);
                 self.count(*value, share, [2, 1, 0].map(|axis| if axis < axes { first(axis) } else { 0 }));
             }
-            // What the source has for the whole node was made by the same rule.
+            // The source has computed the node's value by the same rule.
             Child::Inner { representative, node } if inside && all && !self.goes_to_cells => {
                 self.exact = Some(self.source.representative(node, *representative)?);
             }
@@ -108,7 +109,7 @@ impl<'a> Area<'a> {
         self.area += share;
         match self.rule {
             Rule::Mean | Rule::Occupancy => {
-                // (A mean does not depend on where numbers are counted from; a sum does.)
+                // (A mean does not depend on the origin of its numbers; a sum does.)
                 let first = if self.rule == Rule::Mean { value } else { Value::ZERO };
                 let base = *self.base.get_or_insert(first);
                 let (samples, present) = (value_type.samples_from(base, value), value_type.present(value));
@@ -136,7 +137,7 @@ impl<'a> Area<'a> {
         }
     }
 
-    /// The box's value; `None` is VOID.
+    /// Value of the box; `None` is VOID.
     pub(super) fn value(self) -> Option<Value> {
         if self.exact.is_some() {
             return self.exact;
@@ -147,7 +148,7 @@ impl<'a> Area<'a> {
         let value_type = self.form.value;
         match self.rule {
             Rule::Mean | Rule::Occupancy => {
-                // How full a cell is counts what is VOID, too.
+                // Occupancy counts VOID as empty.
                 let whole: f64 = (0..self.form.axes()).map(|axis| self.max[axis] - self.min[axis]).product();
                 let base = self.base.unwrap_or_default();
                 let none = value_type.mean_of_none().map(|value| value_type.samples_from(base, value));
@@ -156,14 +157,15 @@ impl<'a> Area<'a> {
                     if let (true, Some(none)) = (area == 0.0, none) {
                         return none[channel];
                     }
-                    // (Means of integers are rounded as those of whole cells are: a half upwards.)
+                    // (Means of integers are rounded half up, as for whole cells.)
                     self.sums[channel] / area
                 }))
             }
             Rule::Min | Rule::Max => value_type.join_all(self.extreme.into_iter(), ValueType::min),
             Rule::Majority | Rule::Dominant | Rule::Nearest => {
-                // Areas that differ by rounding alone are equal; the value of the first cell wins, row by row, so that
-                // none is preferred for its number. (In Z order the first one would depend on how the source is stored.)
+                // Areas that differ by rounding errors only are equal. The value of the first cell
+                // in row order wins, so that no value is preferred for its number. (The first cell
+                // in Z order would depend on how the source is stored.)
                 let most = self.shares.iter().map(|(_, area, _)| *area).fold(0.0, f64::max);
                 let best = self.shares.iter().filter(|(_, area, _)| *area >= most - TINY);
                 best.min_by_key(|(.., first)| *first).map(|(value, ..)| *value)

@@ -1,4 +1,5 @@
-//! Walking a view: which source nodes a node of it shows, and whether they make it VOID, a LEAF or INNER.
+//! Traversal of a view: finds the source nodes that a node of the view covers, and whether they
+//! make it VOID, a LEAF or INNER.
 
 use glam::DVec3;
 
@@ -13,40 +14,42 @@ use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::{Code, Dimension};
 use spinney_base::value::{Rule, Value, ZoneStats};
 
-/// An INNER node of a view.
+/// INNER node of a view.
 #[derive(Clone, Debug)]
 pub enum ViewNode {
-    /// A node of the source as it is.
+    /// Unchanged node of the source.
     Same(ViewSourceNode),
-    /// Anything else: the source nodes around the node's image.
+    /// Any other node: the source nodes around its image.
     Around(Box<Around>),
 }
 
-/// Source nodes of one size around the image of a node of a view: at most two along each axis.
+/// Source nodes of one size around the image of a view's node: at most two along each axis.
 #[derive(Clone, Debug)]
 pub struct Around {
-    /// The view's node.
+    /// Code of the view's node.
     code: Code,
     /// Source nodes have `2^size` cells along each axis.
     size: u8,
     /// Coordinates of the first source node, in nodes of this size.
     corner: [i64; 3],
-    /// Source nodes: bit 0 of the index says whether it is the second along x, and so on.
+    /// Source nodes. Bit 0 of the index selects the first or second node along x, bit 1 along y,
+    /// bit 2 along z.
     nodes: Children<ViewSourceNode>,
 }
 
 impl Around {
-    /// An empty set of source nodes around the image of a node, each with `2^most` cells along each axis or
-    /// less.
+    /// Empty set of source nodes around the image of a node, each with at most `2^most` cells along
+    /// each axis.
     #[inline]
     fn new(code: Code, image: &Image, most: u8) -> Around {
-        // Nodes as large as the image: wherever it lies, it meets no more than two along each axis.
+        // Nodes as large as the image: regardless of its position, it intersects at most two along
+        // each axis.
         let size = (image.longest as u64).next_power_of_two().trailing_zeros() as u8;
         let size = size.min(most);
         Around { code, size, corner: image.low.map(|cell| cell >> size), nodes: no_children() }
     }
 
-    /// The view's node.
+    /// Code of the view's node.
     pub(super) fn code(&self) -> Code {
         self.code
     }
@@ -67,52 +70,52 @@ enum Common {
     Nothing,
 }
 
-/// A node of a view and its cells.
+/// Node of a view and its cells.
 struct Block {
     /// Levels below the node.
     height: u8,
     /// Cells along each axis.
     side: i64,
-    /// The first cell.
+    /// First cell.
     first: [i64; 3],
-    /// All cells.
+    /// Box of all cells.
     start: DVec3,
     end: DVec3,
 }
 
-/// The cells of a block that can be other than VOID.
+/// Cells of a block that may have values.
 struct Shown {
     from: DVec3,
     to: DVec3,
-    /// Whether windows hide something of what the source has in the block.
+    /// Whether windows hide some of the source's cells in the block.
     is_cut: bool,
 }
 
 impl Shown {
-    /// Whether all cells of a block are shown, and nothing of them is hidden.
+    /// Whether the block is fully shown and no window hides any of it.
     fn is_all_of(&self, block: &Block) -> bool {
         !self.is_cut && self.from == block.start && self.to == block.end
     }
 }
 
-/// The visible source cells that a block is made of: first and last along each axis.
+/// Visible source cells that a block is computed from: first and last along each axis.
 struct Image {
     low: [i64; 3],
     high: [i64; 3],
     /// Cells along the longest axis.
     longest: i64,
-    /// Whether some of the cells that the block would be made of are not visible.
+    /// Whether some of the cells that the block would be computed from are not visible.
     sticks_out: bool,
 }
 
-/// Classifies the children of a node of a view, for which it reads the children of each source node around at
+/// Classifies the children of a view's node. Reads the children of each surrounding source node at
 /// most once.
 ///
-/// Compiled for both numbers of axes: this is what views spend their time with.
+/// Compiled for both numbers of axes, since views spend most of their time here.
 struct Classifier<'a, const AXES: usize> {
     view: &'a View,
     around: &'a Around,
-    /// The children of the source nodes around, as far as they were asked for.
+    /// Children of the surrounding source nodes that were read so far.
     children: [Option<Children<ViewSourceNode>>; 8],
 }
 
@@ -124,7 +127,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Classifier { view, around, children: [const { None }; 8] }
     }
 
-    /// All children of the node that the source nodes are around.
+    /// Writes all children of the view's node.
     fn children<N>(&mut self, children: &mut Children<N>, node_of: impl Fn(ViewNode) -> N) -> Result<()> {
         let mut is_unread = false;
         for (step, child) in children[..1 << AXES].iter_mut().enumerate() {
@@ -134,7 +137,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         finish_deferred(is_unread)
     }
 
-    /// The view's node at a code below the node that the source nodes are around.
+    /// Node of the view below the classifier's node.
     fn classify(&mut self, code: Code) -> Result<Child<ViewNode>> {
         let block = self.block(code);
         let Some(shown) = self.shown(&block) else { return Ok(Child::Void) };
@@ -143,9 +146,9 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         }
         let Some(image) = self.image(&block, &shown) else { return Ok(Child::Void) };
         let mut around = Around::new(code, &image, self.around.size);
-        // A block of one value all over need not be split, provided that nothing of it is cut off by a window
-        // or lies beyond the source: else some of its cells are VOID. If all source nodes are VOID, neither
-        // can matter.
+        // A block of one value need not be split if no window cuts it and it does not reach beyond
+        // the source: otherwise some of its cells are VOID. If all source nodes are VOID, neither
+        // matters.
         match self.find_nodes(&mut around, &image)? {
             Common::Void => return Ok(Child::Void),
             Common::Leaf(value) if shown.is_all_of(&block) && !image.sticks_out => {
@@ -161,8 +164,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
             };
             return Ok(Child::uniform(value));
         }
-        // Any value will do: what stores a view averages it anew. The middle is the best guess where nobody
-        // does.
+        // Any value will do, since a builder that stores the view computes averages. The middle is
+        // the best estimate otherwise.
         let representative = in_middle.or_else(|| around.nodes.iter().find_map(Child::value));
         let node = ViewNode::Around(Box::new(around));
         Ok(Child::Inner { representative: representative.unwrap_or_default(), node })
@@ -172,7 +175,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         &self.view.lookup
     }
 
-    /// A node's cells.
+    /// Cells of a node.
     fn block(&self, code: Code) -> Block {
         let height = self.view.depth() - code.level();
         let side = 1i64 << height;
@@ -184,10 +187,10 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Block { height, side, first, start, end: start + DVec3::from_array(size) }
     }
 
-    /// The part of a block that can be other than VOID; `None` if all of it is VOID.
+    /// Part of a block that may have values; `None` if all of it is VOID.
     fn shown(&self, block: &Block) -> Option<Shown> {
         let lookup = self.lookup();
-        // What the source has there, and what windows along the axes leave of it.
+        // The source's content there, and what windows along the axes leave of it.
         let (low, high) = (block.start.max(lookup.content.0), block.end.min(lookup.content.1));
         let (from, to) = (low.max(lookup.shown.0), high.min(lookup.shown.1));
         if from.cmpge(to).any() {
@@ -195,7 +198,8 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         }
         let mut is_cut = from != low || to != high;
         for (map, size) in &lookup.askew {
-            // A cell is in a window if its centre is: those of the corner cells are the outermost.
+            // A cell is in a window if its centre is. The centres of the corner cells are the
+            // outermost.
             let (low, high) = map.bounding_box(from + HALF, to - HALF);
             if high.cmplt(DVec3::ZERO).any() || low.cmpge(*size).any() {
                 return None;
@@ -205,27 +209,29 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Some(Shown { from, to, is_cut })
     }
 
-    /// The coordinates of the one source node that a block is, if it is one with all that the source has
-    /// there.
+    /// Coordinates of the source node that equals the block, if there is one and all of it is
+    /// visible.
     fn aligned(&self, block: &Block) -> Option<[i64; 3]> {
         let lookup = self.lookup();
         let moved = lookup.moved.as_ref().filter(|_| lookup.askew.is_empty())?;
         let image: [i64; 3] = std::array::from_fn(|axis| block.first[axis] + moved.by[axis]);
         let aligned = image[..AXES].iter().all(|cell| *cell >= 0 && cell & (block.side - 1) == 0);
-        // (Larger nodes than those around cannot be had from here.)
+        // (Nodes larger than the surrounding ones are not accessible here.)
         let is_node = aligned && block.height <= self.around.size && moved.shows_all(image, block.side, AXES);
         is_node.then(|| image.map(|cell| cell >> block.height))
     }
 
-    /// The source cells that the shown part of a block is made of; `None` if none of them is visible.
+    /// Source cells that the shown part of a block is computed from; `None` if none of them is
+    /// visible.
     fn image(&self, block: &Block, shown: &Shown) -> Option<Image> {
         let lookup = self.lookup();
         let (low, high) = if lookup.by_area {
-            // All that is touched, but for what is touched by rounding alone.
+            // All cells that are touched, except for contact within rounding errors.
             let (low, high) = lookup.to_source.bounding_box(shown.from, shown.to);
             (low + TINY, high - TINY)
         } else {
-            // All that centres can fall into. A single cell's centre is decided as it is.
+            // All cells that centres can fall into. For a single cell, the centre is used without
+            // tolerance.
             let (low, high) = lookup.to_source.bounding_box(shown.from + HALF, shown.to - HALF);
             let tiny = if block.height == 0 { 0.0 } else { TINY };
             (low - tiny, high + tiny)
@@ -246,7 +252,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Some(image)
     }
 
-    /// Finds the source nodes around an image, and what they have in common.
+    /// Finds the source nodes around an image, and their common state.
     fn find_nodes(&mut self, around: &mut Around, image: &Image) -> Result<Common> {
         let size = around.size;
         let last = image.high.map(|cell| cell >> size);
@@ -274,11 +280,11 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         })
     }
 
-    /// The source's node of `2^size` cells along each axis, no more than those around have; `at` counts nodes
-    /// of that size.
+    /// Source node of `2^size` cells along each axis, at most as large as the surrounding ones;
+    /// `at` counts nodes of that size.
     fn source_node(&mut self, at: [i64; 3], size: u8) -> Result<Child<ViewSourceNode>> {
-        // The bits of the coordinates above the lowest `up` say which of the nodes around it is, those below
-        // the way down.
+        // The bits of the coordinates above the lowest `up` select the surrounding node; those
+        // below give the path down.
         let mut up = self.around.size - size;
         let step = |up: u8, corner: [i64; 3]| {
             (0..AXES).map(|axis| (((at[axis] >> up) - corner[axis]) as usize & 1) << axis).sum::<usize>()
@@ -286,12 +292,12 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let first = step(up, self.around.corner);
         let node = match &self.around.nodes[first] {
             Child::Inner { node, .. } if up > 0 => node,
-            // A uniform node is so all over.
+            // All descendants of a uniform node equal it.
             child => return Ok(*child),
         };
         up -= 1;
         let source = &self.view.source;
-        // Siblings of one parent are asked for one after the other: their parent's children are read once.
+        // Siblings are queried consecutively: their parent's children are read once.
         let children = match &mut self.children[first] {
             Some(children) => children,
             unknown => {
@@ -310,7 +316,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         Ok(child)
     }
 
-    /// The value at the centre of what is shown, as far as the nodes around know it.
+    /// Value at the centre of the shown part, as far as the surrounding nodes determine it.
     fn in_middle(&self, around: &Around, image: &Image, shown: &Shown) -> Option<Value> {
         let centre = self.lookup().to_source.apply(((shown.from + shown.to) * 0.5).to_array());
         let index = (0..AXES)
@@ -322,7 +328,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         around.nodes[index].value()
     }
 
-    /// The value of a single cell from all source cells that it covers.
+    /// Value of a single cell from all source cells that it covers.
     fn area_value(&self, rule: Rule, around: &Around, shown: &Shown) -> Result<Option<Value>> {
         let lookup = self.lookup();
         let (low, high) = lookup.to_source.bounding_box(shown.from, shown.to);
@@ -330,7 +336,7 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
         let visible = [visible_start, visible_end].map(|cell| DVec3::from(cell.map(|cell| cell as f64)));
         let covered = (low.max(visible[0]), high.min(visible[1]));
         let mut area = Area::new(&self.view.source, self.view.form, rule, covered);
-        // (A step to coarser cells is exact.)
+        // (A view of a coarser level may use approximate values.)
         area.goes_to_cells = self.view.source.is_approximate() && !self.view.is_level;
         let mut is_unread = false;
         for (index, child) in around.nodes.iter().enumerate() {
@@ -343,8 +349,9 @@ impl<'a, const AXES: usize> Classifier<'a, AXES> {
 }
 
 impl View {
-    /// Writes the children of an inner node as nodes of something that stands on this view: what
-    /// [`Source::children`] does, without a second array for those who have nodes of their own.
+    /// Writes the children of an INNER node as nodes of a source that derives from this view.
+    /// Equivalent to [`Source::children`], without a second array for sources with their own node
+    /// type.
     pub(in crate::ops) fn children_as<N>(
         &self,
         node: &ViewNode,

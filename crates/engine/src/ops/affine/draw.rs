@@ -1,5 +1,5 @@
-//! All cells of a block of a view at once: where a block is full of detail, drawing the source around it and
-//! picking cells is faster than deciding node by node.
+//! All cells of a view's block at once. In blocks full of detail, reading the source around the
+//! block and picking cells is faster than classifying node by node.
 
 use glam::DVec3;
 use zerocopy::FromBytes;
@@ -13,17 +13,17 @@ use spinney_base::array;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::DataKind;
 
-/// Source cells that are drawn for each cell of a block, at most; where a view shows much more of the source,
-/// deciding node by node skips what does not count.
+/// Maximum number of source cells that are read per cell of a block. If a view covers more of the
+/// source, classifying node by node skips irrelevant cells.
 const MAX_DRAWN: u64 = 6;
 
 /// Cells of a small block, as a power of two: 32 x 32, or 8 x 8 x 8.
 const SMALL_BITS: u8 = 10;
 
-/// Cells along each axis, from a first one up to, not including, a last.
+/// Box of cells: first cell, and end (exclusive).
 type Cells = ([i64; 3], [i64; 3]);
 
-/// A picture of the part of the source that a block shows.
+/// Raster of the source region that a block covers.
 struct Drawn {
     bounds: Bounds,
     values: Vec<u8>,
@@ -31,10 +31,11 @@ struct Drawn {
 }
 
 impl View {
-    /// The cells below an INNER node, in rows, if drawing them is worth it and the source can.
+    /// Cells below an INNER node, in rows, if reading them is worth it and the source supports it.
     pub(super) fn draw_block(&self, code: Code, levels: u8) -> Result<Option<CellBlock>> {
         let size = levels * self.form.axes() as u8;
-        // (Large blocks only where cells are copied, and hardly two are alike: others have parts that need no look at each cell.)
+        // (Large blocks only if cells are copied and hardly two are equal: other data have uniform
+        // regions that need no check of each cell.)
         let is_continuous = self.source.header().kind == DataKind::Continuous;
         let is_worth_it = size == SMALL_BITS - SMALL_BITS % self.form.axes() as u8
             || size > SMALL_BITS && is_continuous && self.lookup.to_source.keeps_cells();
@@ -62,7 +63,7 @@ impl View {
         Ok(Some(block))
     }
 
-    /// A node's first cell, and the cells of it that are shown.
+    /// First cell of a node, and the box of its shown cells.
     fn shown_cells(&self, code: Code, levels: u8) -> ([i64; 3], Cells) {
         let axes = self.form.axes();
         let side = 1i64 << levels;
@@ -76,7 +77,7 @@ impl View {
         (first, (start, end))
     }
 
-    /// The box of source cells that the centres of some cells can fall into, as far as it is visible.
+    /// Visible source cells that the centres of some cells can fall into.
     fn source_box(&self, (start, end): &Cells) -> Bounds {
         let (low, high) =
             self.lookup.to_source.bounding_box(centre(*start), centre(end.map(|cell| cell - 1)));
@@ -92,13 +93,13 @@ impl View {
     }
 }
 
-/// The centre of a cell.
+/// Centre of a cell.
 fn centre(cell: [i64; 3]) -> DVec3 {
     DVec3::from(array::map(cell, |cell| cell as f64)) + DVec3::splat(0.5)
 }
 
-/// Copies the source cells at the centres of the cells that are shown; what falls outside of the drawn ones
-/// stays VOID.
+/// Copies the source cells at the centres of the shown cells. Cells outside of the drawn raster
+/// stay VOID.
 fn pick_cells<R: Record>(
     to_source: &AffineMap,
     (first, (start, end)): ([i64; 3], &Cells),
@@ -115,17 +116,17 @@ fn pick_cells<R: Record>(
     let strides = [1, size[0], size[0] * size[1]];
     let matrix = &to_source.0;
     let along_x = matrix.matrix3.x_axis;
-    // A map that takes whole cells to whole cells moves by a whole number of drawn cells for each step along
+    // A map that takes cells to cells moves by a fixed integer number of drawn cells per cell along
     // x.
     let step = along_x.to_array();
     let step =
         to_source.keeps_cells().then(|| (0..3).map(|axis| step[axis] as i64 * strides[axis]).sum::<i64>());
-    // The index of the drawn cell that a point lies in.
+    // Index of the drawn cell that contains a point.
     let index_of = |point: DVec3| -> Option<i64> {
         let mut index = 0;
         for axis in 0..R::AXES {
             let cell = floor(point[axis]) - origin[axis];
-            // (What is negative is too large, too.)
+            // (A negative number is too large as an unsigned one.)
             if cell as u64 >= size[axis] as u64 {
                 return None;
             }
@@ -140,7 +141,8 @@ fn pick_cells<R: Record>(
             let row = row as usize..row as usize + width;
             let (to, present) = (&mut to[row.clone()], &mut present[row]);
             let row_start = matrix.transform_point3(centre([start[0], y, z]));
-            // A box is convex: it has all of a row whose ends it has, so that the cells between need no test.
+            // A box is convex: it contains a whole row if it contains both ends. The cells between
+            // need no test.
             if let (Some(step), Some(there)) = (step, index_of(row_start))
                 && index_of(row_start + along_x * (width as i64 - 1) as f64).is_some()
             {
@@ -165,7 +167,7 @@ fn pick_cells<R: Record>(
     }
 }
 
-/// The largest whole number not above `number`; `f64::floor` is a function call where the target has no
+/// Largest integer not above `number`. `f64::floor` is a function call on targets without an
 /// instruction for it.
 #[inline]
 fn floor(number: f64) -> i64 {

@@ -1,4 +1,5 @@
-//! Boxes of a view's cells at any level: from a level of the source where cells of the two lie on each other, else by resampling.
+//! Boxes of a view's cells at any level: from a level of the source where the cells of both
+//! coincide, else by resampling.
 
 use super::view::{Lookup, Sampling, View};
 use crate::query::Canvas;
@@ -7,21 +8,21 @@ use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 
-/// The place of a view's level in its source.
+/// Position of a view's level in its source.
 #[derive(Debug)]
 struct LevelPlace {
-    /// The source's level.
+    /// Level of the source.
     level: u8,
-    /// Cells to add to those of the view's level.
+    /// Offset to add to cells of the view's level.
     by: [i64; 3],
-    /// Cells of the view's level along each axis of one of the source's, as a power of two.
+    /// Number of cells of the view's level along each axis of a source cell, as a power of two.
     repeat: u8,
-    /// The view's cells that can be other than VOID.
+    /// Cells of the view's level that may have values.
     shown: Bounds,
 }
 
 impl View {
-    /// The view with the cells of a level, which there must be.
+    /// View with the cells of a level, which must exist.
     pub(crate) fn at_level(&self, level: u8) -> Result<View> {
         if level == self.depth() {
             return Ok(self.clone());
@@ -31,10 +32,10 @@ impl View {
         view.resample(level)
     }
 
-    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does.
+    /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does.
     ///
     /// # Errors
-    /// If the source is damaged there, or there is no such level.
+    /// If the source is corrupt there, or there is no such level.
     pub(crate) fn draw_at(
         &self,
         level: u8,
@@ -50,8 +51,8 @@ impl View {
         canvas.draw(&view, view.root()?, view.depth())
     }
 
-    /// The place of a level in the source: if cells there are cells of a level of the source, or parts of its cells, and windows hide
-    /// no part of one.
+    /// Position of a level in the source, if the level's cells are cells of a level of the source
+    /// or subdivide such cells, and windows cut no cell.
     fn level_place(&self, level: u8) -> Option<LevelPlace> {
         let lookup = &self.lookup;
         let above = self.depth().checked_sub(level)?;
@@ -62,7 +63,7 @@ impl View {
             return None;
         }
         let smaller = smaller as u8;
-        // Coarser cells of the source are made by its rule.
+        // Coarser cells of the source are computed by its rule.
         let rule = self.source.header().rule;
         if above > smaller && self.sampling != Sampling::Area(rule) {
             return None;
@@ -81,8 +82,10 @@ impl View {
         Some(place)
     }
 
-    /// Along an axis, cells to add to those of a level so many levels above the view's cells, and the first and the end of those
-    /// that can be other than VOID. The view begins `offset` source cells behind the source, whose cells are `2^smaller` as large.
+    /// Along an axis: the offset to add to cells of a level `above` levels above the view's cells,
+    /// and the start and end of those cells that may have values. The view begins `offset` source
+    /// cells after the source's first cell. A source cell is `2^smaller` times as large as the
+    /// view's.
     fn axis_place(&self, axis: usize, offset: f64, (above, smaller): (u8, u8)) -> Option<(i64, u64, u64)> {
         let Lookup { visible, shown, .. } = &self.lookup;
         let by = offset * (1u64 << smaller) as f64;
@@ -94,7 +97,7 @@ impl View {
         let start = to_view(visible.0[axis]).max(shown.0[axis] as i64);
         let content_end = to_view(visible.1[axis]);
         let end = content_end.min(shown.1[axis] as i64).max(start);
-        // (What is behind the source's picture is VOID, and no part of a cell's value.)
+        // (Cells after the source's extent are VOID, and do not contribute to a cell's value.)
         let ends_with_source = visible.1[axis] == self.source_extent[axis] as i64 && end == content_end;
         let side = 1i64 << above;
         let is_whole = |cell: i64| cell & (side - 1) == 0;
@@ -108,8 +111,8 @@ impl View {
         ))
     }
 
-    /// Number of levels between the view's cells and the source's, if each of the view's is one node of the source: larger than a
-    /// cell, all of it visible.
+    /// Number of levels between the view's cells and the source's, if each cell of the view is a
+    /// fully visible source node that is larger than a cell.
     pub(in crate::ops) fn levels_above(&self) -> Option<u8> {
         let Lookup { to_source, visible, askew, .. } = &self.lookup;
         let (axes, to) = (self.form.axes(), to_source.apply([0.0; 3]));
@@ -173,7 +176,8 @@ impl View {
                         .copy_from_slice(&source_values[source * width..(source + length) * width]);
                     continue;
                 }
-                // Cells of the source begin so many cells before the first.
+                // Number of level cells by which the first source cell begins before the first
+                // drawn cell.
                 let phase = (first[0] as i64 + place.by[0]) as usize & ((1 << place.repeat) - 1);
                 for (step, (valid, value)) in valid[to..]
                     .iter_mut()

@@ -4,13 +4,13 @@ use glam::{DAffine3, DMat3, DVec3};
 
 use spinney_base::{Error, Result};
 
-/// An affine map of the space that cells lie in; cell (0, 0, 0) spans 0..1 on every axis.
+/// Affine map of the space of cells. Cell (0, 0, 0) spans 0..1 on every axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AffineMap(pub(super) DAffine3);
 
-/// An axis of a tree.
+/// Axis of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[allow(missing_docs)] // the names say it
+#[allow(missing_docs)] // names are self-explanatory
 pub enum Axis {
     X,
     Y,
@@ -18,24 +18,24 @@ pub enum Axis {
 }
 
 impl AffineMap {
-    /// The map that changes nothing.
+    /// Identity map.
     pub const IDENTITY: AffineMap = AffineMap(DAffine3::IDENTITY);
 
-    /// Moves by so many cells along each axis.
+    /// Translation by a number of cells along each axis.
     pub fn translation(by: [f64; 3]) -> AffineMap {
         AffineMap(DAffine3::from_translation(DVec3::from(by)))
     }
 
-    /// Enlarges by a factor per axis, away from the origin; a negative one mirrors.
+    /// Scaling by a factor per axis about the origin; a negative factor mirrors.
     pub fn scaling(by: [f64; 3]) -> AffineMap {
         AffineMap(DAffine3::from_scale(DVec3::from(by)))
     }
 
-    /// Turns about an axis through `centre`, from x to y, y to z or z to x for positive angles: in pictures,
-    /// whose rows go down, clockwise about [`Axis::Z`]. Multiples of 90 degrees are exact.
+    /// Rotation about an axis through `centre`. Positive angles turn x to y, y to z or z to x: in
+    /// rasters, whose rows go down, clockwise about [`Axis::Z`]. Multiples of 90 degrees are exact.
     pub fn rotation(axis: Axis, degrees: f64, centre: [f64; 3]) -> AffineMap {
         let (sin, cos) = exact_sin_cos(degrees);
-        // The axes that are turned, the first towards the second.
+        // The rotated axes, the first towards the second.
         let (from, to) = match axis {
             Axis::X => (1, 2),
             Axis::Y => (2, 0),
@@ -48,8 +48,8 @@ impl AffineMap {
         AffineMap::translation(centre.map(|number| -number)).then(&turn).then(&AffineMap::translation(centre))
     }
 
-    /// Turns about any line through `centre` in the direction `axis`, by the right-hand rule. Those that take
-    /// axes to axes are exact.
+    /// Rotation about a line through `centre` in the direction `axis`, by the right-hand rule.
+    /// Rotations that take axes to axes are exact.
     ///
     /// # Errors
     /// If the direction has no length.
@@ -66,9 +66,9 @@ impl AffineMap {
             .then(&AffineMap::translation(centre)))
     }
 
-    /// The map that takes axis `from[0]` of the input to x, `from[1]` to y and `from[2]` to z, mirrored where
-    /// `mirror` says: with all orders of the axes and all mirrorings the 48 symmetries of the cube (of which
-    /// 8 leave z alone).
+    /// Symmetry that takes axis `from[0]` of the input to x, `from[1]` to y and `from[2]` to z,
+    /// mirrored where `mirror` is true. All orders and mirrorings of the axes give the 48
+    /// symmetries of the cube, of which 8 leave z unchanged.
     ///
     /// # Errors
     /// If an axis is missing.
@@ -83,28 +83,28 @@ impl AffineMap {
         Ok(AffineMap(DAffine3::from_mat3(DMat3::from_cols_array_2d(&columns))))
     }
 
-    /// The map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
+    /// Map with these rows of a 3x4 matrix: new x, y, z from old x, y, z, 1.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> AffineMap {
         let column = |column: usize| DVec3::from(rows.map(|row| row[column]));
         let matrix = DMat3::from_cols(column(0), column(1), column(2));
         AffineMap(DAffine3::from_mat3_translation(matrix, column(3)))
     }
 
-    /// The rows of the 3x4 matrix.
+    /// Rows of the 3x4 matrix.
     pub fn to_rows(&self) -> [[f64; 4]; 3] {
         let columns = self.0.to_cols_array_2d();
         std::array::from_fn(|row| columns.map(|column| column[row]))
     }
 
-    /// This map, then another.
+    /// Composition: this map, then `next`.
     pub fn then(&self, next: &AffineMap) -> AffineMap {
         AffineMap(next.0 * self.0)
     }
 
-    /// The inverse map.
+    /// Inverse map.
     ///
     /// # Errors
-    /// If the map flattens space or has no finite numbers.
+    /// If the map is singular or not finite.
     pub fn inverse(&self) -> Result<AffineMap> {
         let inverse = self.0.inverse();
         let det = self.0.matrix3.determinant();
@@ -114,7 +114,8 @@ impl AffineMap {
         }
         let mut inverse = AffineMap(inverse);
         if self.is_planar() {
-            // (A general inverse divides by the determinant of all three axes, which need not leave z exactly as it is.)
+            // (A general inverse divides by the determinant of all three axes, which may not leave
+            // z exactly unchanged.)
             inverse.0.matrix3.z_axis = DVec3::Z;
             (inverse.0.matrix3.x_axis.z, inverse.0.matrix3.y_axis.z, inverse.0.translation.z) =
                 (0.0, 0.0, 0.0);
@@ -122,14 +123,15 @@ impl AffineMap {
         Ok(inverse)
     }
 
-    /// Whether z stays as it is, and nothing else depends on it.
+    /// Whether z is unchanged, and does not affect the other axes.
     pub(super) fn is_planar(&self) -> bool {
         let rows = self.to_rows();
         rows[2] == [0.0, 0.0, 1.0, 0.0] && rows[0][2] == 0.0 && rows[1][2] == 0.0
     }
 
-    /// Moved on by less than a cell so that a box of whole cells, which begins at the origin, goes to whole
-    /// cells; as it is where axes do not stay axes. There and back, the moves are opposite.
+    /// Adds a translation by less than a cell, so that a box of `extent` cells at the origin is
+    /// mapped to whole cells. Returns the map unchanged if axes do not map to axes. A map and its
+    /// inverse get opposite translations.
     pub(in crate::ops) fn on_whole_cells(&self, extent: [u64; 3]) -> AffineMap {
         if !self.keeps_axes() {
             return *self;
@@ -138,16 +140,16 @@ impl AffineMap {
         self.then(&AffineMap::translation((min.round() - min).to_array()))
     }
 
-    /// The image of a point.
+    /// Image of a point.
     pub fn apply(&self, point: [f64; 3]) -> [f64; 3] {
         self.0.transform_point3(DVec3::from(point)).to_array()
     }
 
-    /// The smallest box around the image of a box, which is given by its ends.
+    /// Bounding box of the image of a box.
     #[inline]
     pub(in crate::ops) fn bounding_box(&self, min: DVec3, max: DVec3) -> (DVec3, DVec3) {
-        // Centre and half size go their own ways: the map of the one, absolute values for the other. That
-        // takes far less than all corners.
+        // Maps the centre, and half the size by absolute values of the matrix. This takes far less
+        // time than mapping all corners.
         let centre = self.0.transform_point3((min + max) * 0.5);
         let half = (max - min) * 0.5;
         let matrix = &self.0.matrix3;
@@ -160,19 +162,20 @@ impl AffineMap {
         self.0.matrix3.determinant()
     }
 
-    /// Whether it only moves.
+    /// Whether the map is a translation.
     pub(in crate::ops) fn is_translation(&self) -> bool {
         self.0.matrix3 == DMat3::IDENTITY
     }
 
-    /// Whether boxes along the axes stay such boxes.
+    /// Whether axis-aligned boxes are mapped to axis-aligned boxes.
     pub(in crate::ops) fn keeps_axes(&self) -> bool {
         let columns = self.0.matrix3.to_cols_array_2d();
         let single = |numbers: [f64; 3]| numbers.iter().filter(|number| **number != 0.0).count() == 1;
         columns.into_iter().all(single) && (0..3).all(|row| single(columns.map(|column| column[row])))
     }
 
-    /// Whether it takes each cell into one cell: so many of them, a power of two, are one along each axis.
+    /// Whether each cell is mapped into one cell, of which it is a power-of-two fraction along each
+    /// axis.
     pub(super) fn divides_cells(&self) -> bool {
         let columns = self.0.matrix3.to_cols_array_2d();
         (0..3).all(|axis| {
@@ -183,7 +186,8 @@ impl AffineMap {
         })
     }
 
-    /// The factor of a map that scales so many axes alike and leaves the others: a power of two. `None` of all other maps.
+    /// Factor of a map that scales the first `axes` axes equally and keeps the others, if it is a
+    /// power of two; `None` for all other maps.
     pub(super) fn power_of_two(&self, axes: usize) -> Option<f64> {
         let columns = self.0.matrix3.to_cols_array_2d();
         let factor = columns[0][0];
@@ -195,7 +199,7 @@ impl AffineMap {
         (is_power && is_uniform).then_some(factor)
     }
 
-    /// Whether it takes whole cells to whole cells: a symmetry and a move by whole cells.
+    /// Whether cells are mapped to cells: a symmetry and a translation by integers.
     pub(in crate::ops) fn keeps_cells(&self) -> bool {
         let columns = self.0.matrix3.to_cols_array_2d();
         self.keeps_axes()
@@ -204,7 +208,8 @@ impl AffineMap {
     }
 }
 
-/// A number, or the whole one that it is but for rounding: too little for even the farthest cell to notice.
+/// Rounds a number that differs from an integer by rounding errors only, too little to affect even
+/// the farthest cell.
 fn without_noise(number: f64) -> f64 {
     if (number - number.round()).abs() < 1e-14 { number.round() } else { number }
 }

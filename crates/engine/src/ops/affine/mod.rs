@@ -1,5 +1,5 @@
-//! Affine views of trees: one map between the cells of a result and those of a file, however many steps led
-//! to it, and how trees with different frames fit one grid.
+//! Affine views of trees: one map between the cells of a result and those of a file, for any number
+//! of chained operations.
 
 mod area;
 mod classify;

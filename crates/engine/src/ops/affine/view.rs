@@ -1,4 +1,5 @@
-//! Views: one affine map between the cells of a result and those of a source, however many steps led to it.
+//! Views: one affine map between the cells of a result and those of a source, for any number of
+//! chained operations.
 
 use std::sync::Arc;
 
@@ -16,25 +17,26 @@ use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 use spinney_crs::{Crs, Frame};
 
-/// Rule by which cells that are no source cells get their value.
+/// How cells that are not source cells get their value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sampling {
-    /// The source cell at the cell's centre.
+    /// Value of the source cell at the cell's centre.
     Centre,
-    /// From all source cells that the cell covers, each as far as it is covered, by the source's rule: the
-    /// mean, or the value with the largest area (the least of several). Only where axes stay axes; elsewhere
-    /// as [`Sampling::Centre`].
+    /// Value from all source cells that the cell covers, weighted by the covered area, by the
+    /// source's rule: the mean, or the value with the largest area (of equal areas, that of the
+    /// first cell in row order). Only if axes map to axes; else as [`Sampling::Centre`].
     Area(Rule),
 }
 
-/// An affine view of a file: a window, a translated, scaled, mirrored or rotated tree, or any chain of these.
+/// Affine view of a file: a window, a translated, scaled, mirrored or rotated tree, or any chain of
+/// these.
 ///
-/// A chain is one map, so that cells are looked up once and nothing is lost between the steps. Nothing is
-/// read before somebody walks the view, and memory is proportional to depth: an INNER node of the view knows
-/// the source nodes around its image (at most 2 along each axis), as in the algorithms of Samet for
-/// translation and rotation; it is uniform if they are, else split until that is decided, at last at single
-/// cells. Where a node of the view is a node of the source, it is handed through, with all that is stored
-/// below it.
+/// A chain is one map, so that cells are looked up once and nothing is lost between the operations.
+/// Nothing is read before the view is traversed. Memory is proportional to depth: an INNER node of
+/// the view holds the source nodes around its image (at most 2 along each axis), as in Samet's
+/// algorithms for translation and rotation. It is uniform if they are, else it is split until this
+/// is decided, down to single cells. Where a node of the view is a node of the source, that node is
+/// returned with its stored subtree.
 ///
 /// ```
 /// use std::sync::Arc;
@@ -52,60 +54,61 @@ pub enum Sampling {
 #[derive(Clone, Debug)]
 pub struct View {
     pub(super) source: Arc<ViewSource>,
-    /// The source's, at hand: every node asks for it.
+    /// Tree type of the source, copied here since every node needs it.
     pub(super) form: TreeType,
-    /// Cells of the source along each axis; the rest is VOID.
+    /// Cells of the source along each axis; all others are VOID.
     pub(super) source_extent: [u64; 3],
-    /// AffineMap from source cells to the grid in which the view has its first cell at `origin`.
+    /// Map from source cells to the grid in which the view has its first cell at `origin`.
     to_grid: AffineMap,
-    /// The view's first cell in that grid: whole numbers. Windows move it, and leave the grid as it is.
+    /// First cell of the view in that grid: integers. Windows move it without changing the grid.
     origin: DVec3,
     extent: [u64; 3],
     depth: u8,
-    /// Windows taken on the way: from source cells to the window's, and its size.
+    /// Windows that were applied: maps from source cells to the window's, and sizes.
     windows: Vec<(AffineMap, DVec3)>,
     pub(super) sampling: Sampling,
     pub(super) lookup: Lookup,
-    /// The coordinate system, where it is not the source's.
+    /// Coordinate system, if it is not the source's.
     crs: Option<Arc<Crs>>,
-    /// Options for steps to grids in other coordinate systems.
+    /// Options for operations with a grid in another coordinate system.
     warp: WarpOptions,
-    /// Whether cells may have the numbers of a level of the source that are approximate: this is a level of another view.
+    /// Whether cells may use the source's approximate level values, since this view is a level of
+    /// another view.
     pub(super) is_level: bool,
 }
 
-/// Maps and boxes for finding a view's cells, derived from the steps.
+/// Maps and boxes for finding a view's cells, derived from the operations.
 #[derive(Clone, Debug)]
 pub(super) struct Lookup {
-    /// AffineMap from the view's cells to the source's.
+    /// Map from the view's cells to the source's.
     pub(super) to_source: AffineMap,
     /// Whether cells are averaged over areas of the source.
     pub(super) by_area: bool,
-    /// Source cells that are visible: from the first up to, not including, the last.
+    /// Visible source cells: first, and end (exclusive).
     pub(super) visible: ([i64; 3], [i64; 3]),
-    /// If the view only moves the source, by whole cells.
+    /// Translation by whole cells, if the view is no more than that.
     pub(super) moved: Option<Moved>,
-    /// Box around the image of the visible source cells, in whole cells of the view.
+    /// Bounding box of the visible source cells' image, in whole cells of the view.
     pub(super) content: (DVec3, DVec3),
-    /// Box of cells that can be other than VOID.
+    /// Box of cells that may have values.
     pub(super) shown: (DVec3, DVec3),
-    /// Windows that lie askew: from the view's cells to the window's, and its size.
+    /// Windows that are not axis-aligned: maps from the view's cells to the window's, and sizes.
     pub(super) askew: Vec<(AffineMap, DVec3)>,
 }
 
-/// A move by whole cells.
+/// Translation by whole cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moved {
-    /// Cells to add to the view's to get the source's.
+    /// Offset from the view's cells to the source's.
     pub(super) by: [i64; 3],
-    /// Source cells that are visible, also through windows taken later.
+    /// Source cells that are visible, also through later windows.
     visible: ([i64; 3], [i64; 3]),
-    /// Source cells that are not VOID.
+    /// Extent of the source; all cells outside are VOID.
     extent: [u64; 3],
 }
 
 impl Moved {
-    /// Whether all that a box of source cells, given by its first cell and side, has is visible.
+    /// Whether all cells of the source in a box, given by its first cell and side, are visible.
     pub(super) fn shows_all(&self, first: [i64; 3], side: i64, axes: usize) -> bool {
         (0..axes).all(|axis| {
             let (start, end) = (first[axis].max(0), (first[axis] + side).min(self.extent[axis] as i64));
@@ -114,17 +117,18 @@ impl Moved {
     }
 }
 
-/// Tolerance of coordinates, in cells: more than their rounding errors, less than any overlap that counts.
+/// Tolerance of coordinates, in cells: more than their rounding errors, less than any relevant
+/// overlap.
 pub(super) const TINY: f64 = 1e-6;
 
 impl View {
-    /// All of a source's picture, as its header has it.
+    /// View of a source's whole extent, as its header states.
     pub(crate) fn whole(source: ViewSource) -> Result<View> {
         let extent = source.header().extent;
         View::new(Arc::new(source), extent)
     }
 
-    /// All of a file whose picture has `extent` cells.
+    /// View of a whole source with `extent` cells.
     ///
     /// # Errors
     /// If the extent does not fit the source.
@@ -164,10 +168,10 @@ impl View {
         view.renewed()
     }
 
-    /// Another layer of the same file as this view shows its own: on the same cells, through the same windows.
+    /// View of another layer of the same file, on the same cells, through the same windows.
     ///
     /// # Errors
-    /// If the layer is that of another kind of trees, or the map cannot be inverted.
+    /// If the layer has another dimension, or the map cannot be inverted.
     pub(crate) fn of_layer(&self, layer: ViewSource) -> Result<View> {
         let (axes, depth) = (self.form.axes(), layer.depth());
         let factor = 2f64.powi(i32::from(self.source.depth()) - i32::from(depth));
@@ -189,7 +193,7 @@ impl View {
         view.renewed()
     }
 
-    /// Cells along each axis; all that is outside is VOID.
+    /// Cells along each axis; everything outside is VOID.
     pub fn extent(&self) -> [u64; 3] {
         self.extent
     }
@@ -199,10 +203,11 @@ impl View {
         self.depth
     }
 
-    /// A view of all of a source that was made of another view's cells, which does what that one does.
+    /// View of a whole source that was computed from the cells of another view, with that view's
+    /// options.
     ///
     /// # Errors
-    /// None in practice: as [`View::new`].
+    /// None in practice: those of [`View::new`].
     pub(in crate::ops) fn of_made(source: ViewSource, of: &View) -> Result<View> {
         let header = source.header();
         let (rule, extent, depth) = (header.rule, header.extent, header.depth());
@@ -214,12 +219,13 @@ impl View {
         }
     }
 
-    /// This view of a source that has other values in the same nodes.
+    /// The same view of a source that has other values in the same nodes.
     pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
         View { form: source.form(), source, ..self }
     }
 
-    /// This view, which has [levels between](View::levels_above) its cells and the source's, of a source with cells of its size.
+    /// The same view, which has [levels between](View::levels_above) its cells and the source's, of
+    /// a source whose cells are as large as the view's.
     pub(in crate::ops) fn over_scaled(self, source: Arc<ViewSource>, to_own: &AffineMap) -> Result<View> {
         let Lookup { visible, shown, .. } = &self.lookup;
         let to_scaled = to_own.inverse()?;
@@ -236,20 +242,21 @@ impl View {
         View { source, source_extent, to_grid, windows, ..self }.renewed()
     }
 
-    /// The file that is viewed.
+    /// Source of the view.
     pub fn source(&self) -> &Arc<ViewSource> {
         &self.source
     }
 
-    /// The map from the view's cells to the source's.
+    /// Map from the view's cells to the source's.
     pub fn to_source(&self) -> AffineMap {
         self.lookup.to_source
     }
 
-    /// A box of cells, which may stick out on any side; its first cell becomes the view's first.
+    /// Window: a box of cells, which may reach beyond the extent on any side. Its first cell
+    /// becomes the view's first.
     ///
     /// # Errors
-    /// If it has no cells, more than the deepest tree, or none of the view's.
+    /// If it is empty, is larger than the deepest tree, or does not intersect the view.
     pub fn window(mut self, min: [i64; 3], size: [u64; 3]) -> Result<View> {
         let axes = self.form.axes();
         let outside = (0..axes).any(|axis| {
@@ -266,17 +273,18 @@ impl View {
         self.fitted()
     }
 
-    /// Clips to the extent: from here on nothing outside is visible, whatever steps follow.
+    /// Clips to the extent: nothing outside becomes visible again by later operations.
     fn add_window(&mut self) {
         let to_window = self.to_grid.then(&AffineMap::translation((-self.origin).to_array()));
         self.windows.push((to_window, DVec3::from(self.extent.map(|cells| cells as f64))));
     }
 
-    /// Moves by so many cells, or parts of cells, along each axis. The view begins where it began: what moves
-    /// before the first cell is not visible, and there is room for what moves on.
+    /// Translates by a number of cells along each axis, which may be fractional. The view's first
+    /// cell stays in place: cells that move before it are not visible, and the extent grows or
+    /// shrinks at the end.
     ///
     /// # Errors
-    /// If nothing is left, or more than the deepest tree holds.
+    /// If nothing remains, or the result exceeds the deepest tree.
     pub fn translate(mut self, by: [f64; 3]) -> Result<View> {
         self.check_axes(&AffineMap::translation(by))?;
         let mut extent = [1; 3];
@@ -293,12 +301,12 @@ impl View {
         self.fitted()
     }
 
-    /// Maps the view's cells anywhere; the result has room for all of them, its first cell is the corner of
-    /// the box around them.
+    /// Applies an affine map. The result's extent is the bounding box of the mapped cells; its
+    /// first cell is that box's corner.
     ///
     /// # Errors
-    /// If the map cannot be inverted, leaves a quadtree's plane, or the result needs a deeper tree than there
-    /// can be.
+    /// If the map cannot be inverted, leaves a quadtree's plane, or the result exceeds the deepest
+    /// tree.
     pub fn transform(self, map: &AffineMap) -> Result<View> {
         let end = DVec3::from(self.extent.map(|cells| cells as f64));
         let (min, max) = map.bounding_box(DVec3::ZERO, end);
@@ -307,10 +315,10 @@ impl View {
         self.mapped(map, min, extent)
     }
 
-    /// Maps the view's cells onto a given grid of so many cells; what falls outside is not visible.
+    /// Maps the view's cells onto a given grid of `extent` cells; cells outside are not visible.
     ///
     /// # Errors
-    /// As [`View::transform`].
+    /// Those of [`View::transform`].
     pub fn onto(self, map: &AffineMap, extent: [u64; 3]) -> Result<View> {
         if extent.contains(&0) {
             let found = show(&extent, self.form.axes());
@@ -332,10 +340,10 @@ impl View {
         self.fitted()
     }
 
-    /// Scales by a factor along each axis: so many times as many cells.
+    /// Scales by a factor along each axis, which multiplies the number of cells.
     ///
     /// # Errors
-    /// As [`View::transform`]; factors must be positive.
+    /// Those of [`View::transform`]; factors must be positive.
     pub fn scale(self, by: [f64; 3]) -> Result<View> {
         if !by.iter().all(|factor| *factor > 0.0 && factor.is_finite()) {
             return Err(Error::invalid("scale", format!("{by:?}"), "factors greater than 0"));
@@ -343,10 +351,11 @@ impl View {
         self.transform(&AffineMap::scaling(by))
     }
 
-    /// A tree of this depth over the same space: coarser or finer cells, and as many of them as it takes.
+    /// Resamples to a tree of this depth over the same space: coarser or finer cells, and as many
+    /// of them as needed.
     ///
     /// # Errors
-    /// As [`View::transform`].
+    /// Those of [`View::transform`].
     pub fn resample(self, depth: u8) -> Result<View> {
         let factor = 2f64.powi(i32::from(depth) - i32::from(self.depth));
         let axes = self.form.axes();
@@ -355,10 +364,10 @@ impl View {
         view.renewed()
     }
 
-    /// A deeper tree over the same cells: there is room for more on the far sides.
+    /// Deeper tree over the same cells, with empty space after the last cell of each axis.
     ///
     /// # Errors
-    /// If the view does not fit, or there are no such trees.
+    /// If the view does not fit, or trees cannot have that depth.
     pub fn deepened(mut self, depth: u8) -> Result<View> {
         let (least, most) = (depth_for(self.extent), self.form.dimension.max_depth());
         if depth < least || depth > most {
@@ -369,22 +378,22 @@ impl View {
         self.renewed()
     }
 
-    /// Chooses how new cells get their values.
+    /// Sets how new cells get their values.
     ///
     /// # Errors
-    /// None in practice: a view that is there can be sampled in any way.
+    /// None in practice: any existing view can be sampled in any way.
     pub fn sampled(mut self, sampling: Sampling) -> Result<View> {
         self.sampling = sampling;
         self.renewed()
     }
 
-    /// Whether a window was taken: there may be less to see than the source has.
+    /// Whether a window was applied, so that the view may show less than the source has.
     pub(crate) fn has_windows(&self) -> bool {
         !self.windows.is_empty()
     }
 
-    /// The view's frame. By default cells stay where the file has them in the world, however they are
-    /// arranged; with `moves`, they are moved in the world the way they were moved in the tree.
+    /// Frame of the view. By default cells keep the file's position in the world, regardless of
+    /// their arrangement. With `moves`, they are moved in the world as in the tree.
     pub fn frame(&self, moves: bool) -> Frame {
         let source = &self.source.metadata().frame;
         let world = AffineMap::from_rows(source.matrix);
@@ -395,40 +404,41 @@ impl View {
         frame
     }
 
-    /// A view of the cells as lying in this coordinate system, whatever the source says.
+    /// View whose cells are in this coordinate system, overriding the source's.
     pub(crate) fn in_system(self, crs: Crs) -> View {
         View { crs: Some(Arc::new(crs)), ..self }
     }
 
-    /// Chooses how grids in other coordinate systems get their values.
+    /// Sets how grids in other coordinate systems get their values.
     #[must_use]
     pub(crate) fn warping(self, warp: WarpOptions) -> View {
         View { warp, ..self }
     }
 
-    /// Chooses a way of resampling for what follows, if one is given.
+    /// Sets the resampling for later operations, if one is given.
     #[must_use]
     pub(in crate::ops) fn resampling(self, resampling: Option<Resampling>) -> View {
         let resampling = resampling.or(self.warp.resampling);
         View { warp: WarpOptions { resampling, ..self.warp }, ..self }
     }
 
-    /// Options for steps to grids in other coordinate systems.
+    /// Options for operations with a grid in another coordinate system.
     pub(in crate::ops) fn warp(&self) -> WarpOptions {
         self.warp
     }
 
-    /// The way new cells get their values.
+    /// How new cells get their values.
     pub(in crate::ops) fn sampling(&self) -> Sampling {
         self.sampling
     }
 
-    /// Whether datums may be taken for WGS 84: see [`WarpOptions::allow_ballpark`].
+    /// Whether datums may be treated as WGS 84: see [`WarpOptions::allow_ballpark`].
     pub(in crate::ops) fn allows_ballpark(&self) -> bool {
         self.warp.allow_ballpark
     }
 
-    /// Whether the view's cells are those of its source, all of them: steps that move cells or leave some out were not taken.
+    /// Whether the view's cells are those of its source, all of them: no operation has moved or
+    /// omitted cells.
     pub(in crate::ops) fn has_its_cells(&self) -> bool {
         self.to_grid == AffineMap::IDENTITY
             && self.origin == DVec3::ZERO
@@ -436,10 +446,11 @@ impl View {
             && self.extent == self.source.header().extent
     }
 
-    /// The view on a grid in another coordinate system, as a file of its own would be. Only what has its file's cells can go there.
+    /// The view resampled to a grid in another coordinate system, as a source of its own. The view
+    /// must have its file's cells.
     ///
     /// # Errors
-    /// If steps were taken that move cells or leave some out; else as [`Warped::new`].
+    /// If an operation has moved or omitted cells; else those of [`Warped::new`].
     pub fn warped(self, grid: &WarpGrid) -> Result<View> {
         if !self.has_its_cells() {
             let expected = "it as the first step (but for crs=); what others do is done to its result";
@@ -454,7 +465,7 @@ impl View {
         Ok(View { warp: self.warp, ..view })
     }
 
-    /// The source's metadata with the view's frame, and its control points at the view's cells.
+    /// Metadata of the source with the view's frame, and its control points at the view's cells.
     pub fn metadata(&self, moves: bool) -> Metadata {
         let source = self.source.metadata();
         let cells = Frame { matrix: self.placed_cells(moves).to_rows(), ..Frame::identity() };
@@ -466,13 +477,13 @@ impl View {
         }
     }
 
-    /// Whether the view shows all of its source as it is.
+    /// Whether the view shows its whole source unchanged.
     pub(crate) fn is_whole(&self) -> bool {
         let is_same = self.lookup.to_source == AffineMap::IDENTITY && self.depth == self.source.depth();
         is_same && self.extent == self.source_extent && self.windows.is_empty() && self.crs.is_none()
     }
 
-    /// The file of which the view shows all, as it is.
+    /// The file, if the view shows all of it unchanged.
     pub(in crate::ops) fn as_file(&self) -> Option<&TreeFile> {
         match &*self.source {
             ViewSource::File(file) if self.is_whole() => Some(file),
@@ -480,7 +491,7 @@ impl View {
         }
     }
 
-    /// Whether each of the view's cells shows cells of the source's picture, and nothing beyond it.
+    /// Whether each cell of the view lies within the source's extent.
     pub(crate) fn shows_all(&self) -> bool {
         let Lookup { to_source, visible, shown, askew, .. } = &self.lookup;
         let size = DVec3::from(self.extent.map(|cells| cells as f64));
@@ -493,7 +504,7 @@ impl View {
         askew.is_empty() && (0..self.form.axes()).all(is_inside)
     }
 
-    /// The map from the view's cells to the source's cells at the same places of the world.
+    /// Map from the view's cells to the source's cells at the same position in the world.
     fn placed_cells(&self, moves: bool) -> AffineMap {
         if moves { AffineMap::translation(self.origin.to_array()) } else { self.lookup.to_source }
     }
@@ -509,7 +520,7 @@ impl View {
         Err(Error::invalid("affine map", format!("{rows:?}"), expected))
     }
 
-    /// Sets the depth that the extent needs.
+    /// Sets the minimum depth for the extent.
     fn fitted(mut self) -> Result<View> {
         let depth = depth_for(self.extent);
         let most = self.form.dimension.max_depth();
@@ -522,11 +533,11 @@ impl View {
         self.renewed()
     }
 
-    /// Recomputes the lookup from the steps.
+    /// Recomputes the lookup from the operations.
     fn renewed(mut self) -> Result<View> {
-        // Windows say which source cells are visible, wherever that can be said in whole source cells; else
-        // which cells of the view can show something. What is neither (the window lies askew to both) is
-        // asked cell by cell.
+        // Windows limit the visible source cells where they consist of whole source cells, else the
+        // view's cells that may have values. Windows that are aligned with neither are tested cell
+        // by cell.
         let to_source = self.to_grid.then(&AffineMap::translation((-self.origin).to_array())).inverse()?;
         let source_end = DVec3::from(self.source_extent.map(|cells| cells as f64));
         let mut visible = (DVec3::ZERO, source_end);
@@ -569,7 +580,7 @@ impl View {
     }
 }
 
-/// Numbers of cells along each axis, as people write them.
+/// Numbers of cells along each axis, for messages.
 fn show<T: ToString>(numbers: &[T; 3], axes: usize) -> String {
     numbers[..axes].iter().map(T::to_string).collect::<Vec<_>>().join(" x ")
 }

@@ -1,4 +1,5 @@
-//! Calculations as steps of views: `calc=(b2-b1)/(b2+b1),type=f32`, `reduce=median,a=x.goblin`, `composite=B08,B04,B03`.
+//! Calculations as operations of views: `calc=(b2-b1)/(b2+b1),type=f32`,
+//! `reduce=median,a=x.goblin`, `composite=B08,B04,B03`.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -10,44 +11,44 @@ use crate::ops::affine::View;
 use spinney_base::value::SampleType;
 use spinney_base::{Error, Result};
 
-/// A calculation with the cells of a tree, and of files that lie on its grid.
+/// Calculation with the cells of a tree, and of files that are aligned with its grid.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calculation {
     pub(super) formula: Formula,
-    /// Files by the names that the expression has for them.
+    /// Files with their names in the expression.
     pub(super) files: Vec<(String, PathBuf)>,
-    /// The type of the result; f32 if none is asked for.
+    /// Sample type of the result; f32 by default.
     pub(super) sample: Option<SampleType>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Formula {
-    /// An expression, and its text.
+    /// Expression and its source string.
     Expression { expression: Expression, text: String },
-    /// One number of all channels of all layers and files.
+    /// One number from all channels of all layers and files.
     Reduction(Reducer),
-    /// A channel of each of some layers, as they are.
+    /// A channel of each of several layers, unchanged.
     Composite(Vec<Name>),
 }
 
-/// Channels that values can have.
+/// Maximum number of channels.
 const MAX_CHANNELS: usize = 4;
 
 impl Calculation {
-    /// Reads an expression with what follows it, as it stands behind `calc=`.
+    /// Parses an expression with its options: the string after `calc=`.
     ///
     /// # Errors
-    /// If it is none.
+    /// If it is invalid.
     pub fn parse(text: &str) -> Result<Calculation> {
         let (expression, rest) = split_expression(text)?;
         let formula = Formula::Expression { expression: parse(expression)?, text: expression.trim().into() };
         Calculation::with_options(formula, rest)
     }
 
-    /// Reads a reduction with what follows it, as it stands behind `reduce=`.
+    /// Parses a reduction with its options: the string after `reduce=`.
     ///
     /// # Errors
-    /// If it is none.
+    /// If it is invalid.
     pub fn parse_reduction(text: &str) -> Result<Calculation> {
         let (name, rest) = text.split_once(',').map_or((text, None), |(name, rest)| (name, Some(rest)));
         let names = Reducer::ALL.map(Reducer::name).join(", ");
@@ -56,10 +57,10 @@ impl Calculation {
         Calculation::with_options(Formula::Reduction(reducer), rest)
     }
 
-    /// The layers with these names, or channels by theirs, as channels of one tree, in this order.
+    /// Composite of the layers or channels with these names, as channels of one tree in this order.
     ///
     /// # Errors
-    /// If they are not two to four.
+    /// If there are not two to four names.
     pub fn composite(names: &[String]) -> Result<Calculation> {
         if !(2..=MAX_CHANNELS).contains(&names.len()) {
             let found = format!("{} layers", names.len());
@@ -74,10 +75,11 @@ impl Calculation {
         Ok(Calculation { formula, files: Vec::new(), sample: None })
     }
 
-    /// Reads names with commas between them, those with commas between quotation marks, as they stand behind `composite=`.
+    /// Parses names separated by commas: the string after `composite=`. Names with commas are
+    /// quoted.
     ///
     /// # Errors
-    /// If they are not two to four names.
+    /// If there are not two to four names.
     pub(in crate::ops) fn parse_composite(text: &str) -> Result<Calculation> {
         let (mut names, mut rest) = (Vec::new(), Some(text));
         while let Some(text) = rest {
@@ -94,7 +96,7 @@ impl Calculation {
         Calculation::composite(&names)
     }
 
-    /// Whether it hands on channels as they are.
+    /// Whether channels are copied unchanged.
     pub(super) fn is_composite(&self) -> bool {
         matches!(self.formula, Formula::Composite(_))
     }
@@ -125,7 +127,7 @@ impl Calculation {
         Ok(calculation)
     }
 
-    /// The files that it reads besides the one that it is done to.
+    /// Files that are read in addition to the tree that it is applied to.
     pub fn files(&self) -> impl Iterator<Item = &PathBuf> {
         self.files.iter().map(|(_, path)| path)
     }
@@ -136,16 +138,17 @@ impl Calculation {
         Ok(Calculation { files: self.files.iter().map(file).collect::<Result<_>>()?, ..self.clone() })
     }
 
-    /// A view of the results: of what the names stand for in a view, and in the files.
+    /// View of the results, computed from a view and the files.
     ///
     /// # Errors
-    /// If a name stands for nothing, or a file cannot be read or lies on another grid.
+    /// If a name cannot be resolved, or a file cannot be read or aligned.
     pub(in crate::ops) fn apply(&self, view: View) -> Result<View> {
         View::of_made(Calculated::new(self, &view)?.into(), &view)
     }
 }
 
-/// The expression, which may stand between single quotation marks, up to the first comma outside of parentheses; and what is behind that.
+/// Splits a string into the expression, which may be in single quotes, up to the first comma
+/// outside of parentheses; and the rest after that comma.
 fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
     if let Some(rest) = text.strip_prefix('\'') {
         let wrong = |found: &str| {
@@ -163,7 +166,7 @@ fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
             b'(' => depth += 1,
             b')' => depth = depth.saturating_sub(1),
             b',' if depth == 0 => return Ok((&text[..at], Some(&text[at + 1..]))),
-            // (One without an end is told of by the parser.)
+            // (The parser reports an unterminated one.)
             b'"' => at += quoted(&text[at..]).map_or(bytes.len(), |(length, _)| length) - 1,
             _ => {}
         }
@@ -172,7 +175,7 @@ fn split_expression(text: &str) -> Result<(&str, Option<&str>)> {
     Ok((text, None))
 }
 
-/// What stands before the first comma, or between quotation marks, and what is behind the comma.
+/// The string before the first comma, or in quotes, and the rest after the comma.
 fn argument(text: &str) -> Option<(String, Option<&str>)> {
     if text.starts_with(['"', '\'']) {
         let (length, value) = quoted(text)?;
@@ -183,21 +186,21 @@ fn argument(text: &str) -> Option<(String, Option<&str>)> {
     Some(text.split_once(',').map_or((text.into(), None), |(value, rest)| (value.into(), Some(rest))))
 }
 
-/// Whether a text is a name as expressions have them without quotation marks.
+/// Whether a string is a name that needs no quotes in expressions.
 fn is_name(text: &str) -> bool {
     text.starts_with(|first: char| first.is_alphabetic() || first == '_')
         && text.chars().all(|character| character.is_alphanumeric() || character == '_')
         && !["and", "or", "not"].contains(&text)
 }
 
-/// An argument, between quotation marks where it would not be read as the same.
+/// An argument, quoted if it would be parsed differently otherwise.
 fn written(argument: &str) -> String {
     let is_plain =
         !argument.contains(',') && !argument.starts_with(['"', '\'']) && argument.trim() == argument;
     if is_plain { argument.into() } else { format!("\"{}\"", argument.replace('"', "\"\"")) }
 }
 
-/// The text of the step, which is read as the same.
+/// Writes the operation; parsing it gives the same calculation.
 impl fmt::Display for Calculation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.formula {

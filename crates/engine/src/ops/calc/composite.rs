@@ -1,4 +1,4 @@
-//! Composites: a channel of each of some layers, as they are, beside each other in one tree.
+//! Composites: a channel of each of several layers, unchanged, side by side in one tree.
 
 use super::operands::Operands;
 use crate::ops::affine::View;
@@ -7,10 +7,11 @@ use spinney_base::value::{DataKind, Number, Rule, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Metadata, Tag};
 
-/// The type, kind and rule of a composite's values.
+/// Type, kind and rule of a composite's values.
 ///
 /// # Errors
-/// If the layers' samples differ in type, trees cannot have several of that type, or a layer is damaged.
+/// If the layers' sample types differ, trees cannot have several channels of that type, or a layer
+/// is corrupt.
 pub(super) fn values(operands: &Operands) -> Result<(ValueType, DataKind, Rule)> {
     let headers = || operands.read().map(|tree| tree.source().header());
     let name =
@@ -24,7 +25,7 @@ pub(super) fn values(operands: &Operands) -> Result<(ValueType, DataKind, Rule)>
                         (`spinney transform FILE:LAYER calc=b1,type=f32 -o LAYER.goblin`)";
         return Err(Error::invalid("composite", found, expected));
     }
-    // Where all are averaged in one way, so is what is made of them.
+    // If all layers have the same rule, so has the composite.
     let alike = |rule: Rule| headers().all(|header| header.rule == rule);
     let kind = match headers().all(|header| header.kind == DataKind::Categorical) {
         true => DataKind::Categorical,
@@ -39,8 +40,9 @@ pub(super) fn values(operands: &Operands) -> Result<(ValueType, DataKind, Rule)>
     Ok((value, kind, rule))
 }
 
-/// A sample that no layer has: it means that a cell is VOID in one channel while others have a sample. There is none if each layer has all
-/// samples, or there is no such number; what is VOID in one layer is then VOID.
+/// Sample that no layer has: it marks a cell that is VOID in one channel while others have a
+/// sample. `None` if every layer has all samples, or all numbers are in use; a cell that is VOID in
+/// one layer is then VOID in the composite.
 fn missing(operands: &Operands, value: ValueType) -> Result<Option<Number>> {
     let (mut bounds, mut is_full) = (Vec::new(), true);
     for tree in operands.read() {
@@ -66,7 +68,7 @@ fn missing(operands: &Operands, value: ValueType) -> Result<Option<Number>> {
     Ok(own.chain(usual.iter().map(|number| Number::from(*number))).find(is_free))
 }
 
-/// What is told of channels is what their layers tell.
+/// Copies the description of the layers to the composite's channels.
 pub(super) fn describe(operands: &Operands, value: ValueType, metadata: &mut Metadata) {
     let channels = || {
         operands.operands.iter().map(|operand| {
@@ -98,7 +100,7 @@ pub(super) fn describe(operands: &Operands, value: ValueType, metadata: &mut Met
     if channels().all(|(of, _)| of.time == *time) {
         metadata.time.clone_from(time);
     }
-    // (Roles that the first layer's own channels have are not those of channels here.)
+    // (Colour roles of the first layer's channels do not apply to the composite's channels.)
     metadata.tags.remove(Tag::ColourRoles.key());
     if value.channels == 2 {
         metadata.set_colour_roles(&["Red".into(), "Cyan".into()]);

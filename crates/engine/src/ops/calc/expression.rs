@@ -1,15 +1,15 @@
-//! Expressions over numbers of cells, checked and in postfix form.
+//! Validated expressions over cell values, in postfix form.
 
 use spinney_base::{Error, Result};
 
-/// A name of an operand: `B08`, or `a.b2`, a channel of what another name stands for.
+/// Name of an operand: `B08`, or `a.b2`, a channel of another name's tree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Name {
     pub(super) whole: String,
     pub(super) channel: Option<String>,
 }
 
-/// What is made of two numbers.
+/// Operation on two numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Binary {
     Add,
@@ -26,7 +26,7 @@ pub(super) enum Binary {
     Or,
 }
 
-/// What is made of one number.
+/// Operation on one number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Unary {
     Negate,
@@ -35,57 +35,57 @@ pub(super) enum Unary {
     Sqrt,
 }
 
-/// What is made of any count of numbers, of which those that are VOID are left out.
+/// Operation on any count of numbers, which ignores VOID ones.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Reducer {
-    /// The one in the middle, or the mean of the two there.
+    /// Middle number, or the mean of the two middle ones.
     Median,
-    /// The mean.
+    /// Mean.
     Mean,
-    /// The least.
+    /// Minimum.
     Min,
-    /// The largest.
+    /// Maximum.
     Max,
-    /// How many there are.
+    /// Count of numbers.
     Count,
 }
 
 impl Reducer {
-    /// All of them.
+    /// All reducers.
     pub(super) const ALL: [Reducer; 5] = {
         use Reducer::*;
         [Median, Mean, Min, Max, Count]
     };
 
-    /// The name in expressions, and of `reduce=`.
+    /// Name in expressions, and of `reduce=`.
     pub(super) fn name(self) -> &'static str {
         ["median", "mean", "min", "max", "count"][self as usize]
     }
 
-    /// The one with a name.
+    /// Reducer with a name.
     pub(super) fn named(name: &str) -> Option<Reducer> {
         Reducer::ALL.into_iter().find(|reducer| reducer.name() == name)
     }
 }
 
-/// A step of a program, which takes its numbers from a stack and leaves one there.
+/// Instruction of a program, which takes its numbers from a stack and pushes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Op {
-    /// A number for all cells.
+    /// The same number for all cells.
     Number(f64),
-    /// The operand with this number.
+    /// Operand with this index.
     Operand(usize),
     Unary(Unary),
     Binary(Binary),
-    /// Of three: the second where the first is not 0, else the third.
+    /// Of three numbers: the second if the first is not 0, else the third.
     Where,
-    /// Of so many: first those that are made of operands, then so many that are the same for all cells, which do not
-    /// count where all the others are VOID.
+    /// Reduction of this many numbers: first those that depend on operands, then those that are the
+    /// same for all cells, which are ignored where all the others are VOID.
     Reduce(Reducer, usize, usize),
 }
 
 impl Op {
-    /// Numbers that it takes from the stack.
+    /// Count of numbers that it takes from the stack.
     pub(super) fn takes(self) -> usize {
         match self {
             Op::Number(_) | Op::Operand(_) => 0,
@@ -97,23 +97,24 @@ impl Op {
     }
 }
 
-/// Operands and steps that a program has at most: each takes time and memory for every cell.
+/// Maximum number of operands and instructions of a program: each takes time and memory for every
+/// cell.
 pub(super) const MAX_STEPS: usize = 8192;
 
-/// A program: its operands' names, and its steps in postfix order.
+/// Program: names of its operands, and its instructions in postfix order.
 ///
-/// Numbers are f64; one that is not a number is VOID, and there is no other: what is VOID stays so through all but [`Op::Where`] and
-/// [`Op::Reduce`] because arithmetic hands on what is not a number.
+/// Numbers are f64. NaN is VOID, and nothing else is: VOID propagates through all instructions but
+/// [`Op::Where`] and [`Op::Reduce`], since arithmetic propagates NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Expression {
     names: Vec<Name>,
     ops: Vec<Op>,
-    /// Numbers on the stack at most.
+    /// Maximum stack height.
     stack: usize,
 }
 
 impl Expression {
-    /// A program of some steps, which leave one number in the end.
+    /// Program of some instructions, which leave one number on the stack.
     ///
     /// # Errors
     /// If there are too many.
@@ -124,7 +125,7 @@ impl Expression {
         }
         let (mut height, mut stack) = (0usize, 0usize);
         for op in &ops {
-            // (A parser that leaves too few has an error, which is not the user's.)
+            // (Too few numbers would be an error of the parser, not of the user.)
             height = height.checked_sub(op.takes()).expect("operands before each operation") + 1;
             stack = stack.max(height);
         }
@@ -132,7 +133,7 @@ impl Expression {
         Ok(Expression { names, ops, stack })
     }
 
-    /// The same of all of so many operands.
+    /// Reduction of the given number of operands.
     ///
     /// # Errors
     /// If there are none, or too many.
@@ -146,12 +147,12 @@ impl Expression {
         Expression::new(Vec::new(), ops)
     }
 
-    /// An operand as it is.
+    /// Operand, unchanged.
     pub(super) fn operand(operand: usize) -> Expression {
         Expression { names: Vec::new(), ops: vec![Op::Operand(operand)], stack: 1 }
     }
 
-    /// Names of the operands, each once, in the order of their numbers.
+    /// Names of the operands, each once, by index.
     pub(super) fn names(&self) -> &[Name] {
         &self.names
     }
@@ -160,7 +161,7 @@ impl Expression {
         &self.ops
     }
 
-    /// Numbers on the stack at most.
+    /// Maximum stack height.
     pub(super) fn stack(&self) -> usize {
         self.stack
     }

@@ -1,10 +1,11 @@
-//! The program over strips of cells, and conversions from values and to them: the one place that knows sample types.
+//! Interpreter of programs over strips of cells, and conversion from and to values: the only code
+//! that knows sample types.
 
 use super::expression::{Binary, Expression, Op, Reducer, Unary};
 use super::operands::Linear;
 use spinney_base::value::{MAX_VALUE_SIZE, Sample, SampleType, Value, ValueType, with_sample_type};
 
-/// Numbers of all strips of a machine, about: they stay in a cache.
+/// Approximate count of numbers in all strips of a machine: they fit into a cache.
 const STRIP_NUMBERS: usize = 1 << 14;
 
 /// VOID.
@@ -15,10 +16,10 @@ fn truth(is_true: bool) -> f64 {
     if is_true { 1.0 } else { 0.0 }
 }
 
-/// A number that is VOID where one of two is.
+/// The number, or VOID if one of two others is VOID.
 #[inline(always)]
 fn unless_void(a: f64, b: f64, number: f64) -> f64 {
-    // (Without a branch.)
+    // (Branch-free.)
     if a.is_nan() | b.is_nan() { VOID } else { number }
 }
 
@@ -28,7 +29,7 @@ fn unary(unary: Unary, a: f64) -> f64 {
         Unary::Negate => -a,
         Unary::Not => unless_void(a, a, truth(a == 0.0)),
         Unary::Abs => a.abs(),
-        // (Of a negative number it is not a number.)
+        // (NaN for a negative number.)
         Unary::Sqrt => a.sqrt(),
     }
 }
@@ -63,21 +64,21 @@ fn choose(condition: f64, a: f64, b: f64) -> f64 {
     unless_void(condition, condition, chosen)
 }
 
-/// Room for the strips of programs that share their operands.
+/// Buffers for the strips of programs that share their operands.
 pub(super) struct Machine<'a> {
     expressions: &'a [Expression],
-    /// Cells of a strip at most.
+    /// Maximum number of cells in a strip.
     length: usize,
-    /// A strip for each operand.
+    /// Strip of each operand.
     operands: Vec<Vec<f64>>,
-    /// Strips one behind the other.
+    /// Strips, contiguous.
     stack: Vec<f64>,
-    /// How many numbers there are in each cell.
+    /// Count of numbers in each cell.
     counts: Vec<f64>,
 }
 
 impl<'a> Machine<'a> {
-    /// A machine for so many operands, of use for so many cells.
+    /// Machine for this number of operands, sized for this number of cells.
     pub(super) fn new(expressions: &'a [Expression], operands: usize, cells: u64) -> Machine<'a> {
         let stack = expressions.iter().map(Expression::stack).max().unwrap_or(0);
         let strips = stack + operands + 2;
@@ -91,12 +92,13 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Cells of a strip at most.
+    /// Maximum number of cells in a strip.
     pub(super) fn length(&self) -> usize {
         self.length
     }
 
-    /// Sets an operand's strip: the numbers that the samples of a channel mean, VOID where `valid` says so or a sample is missing.
+    /// Sets an operand's strip: the scaled samples of a channel, VOID where `valid` is false or a
+    /// sample is missing.
     pub(super) fn load(
         &mut self,
         operand: usize,
@@ -115,7 +117,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// The results that an expression has of so many cells, no more than a strip has.
+    /// Results of an expression for `cells` cells, at most a strip.
     pub(super) fn run(&mut self, expression: usize, cells: usize) -> &[f64] {
         let length = self.length;
         let mut height = 0;
@@ -146,7 +148,7 @@ impl<'a> Machine<'a> {
 }
 
 fn run_unary(of: Unary, result: &mut [f64]) {
-    /// A loop for each operation, so that the compiler can make each of vectors.
+    /// One loop per operation, so that the compiler can vectorize each.
     macro_rules! each {
         ($($kind:ident)*) => {
             match of {
@@ -170,7 +172,8 @@ fn run_binary(of: Binary, result: &mut [f64], other: &[f64]) {
     each!(Add Subtract Multiply Divide Less LessOrEqual Greater GreaterOrEqual Equal NotEqual And Or);
 }
 
-/// Reduces strips to the first of them; the last ones are the same for all cells, and count where others do.
+/// Reduces strips into the first one. The last `constants` strips are the same for all cells, and
+/// count only where others do.
 fn reduce(
     reducer: Reducer,
     (strips, length, cells): (&mut [f64], usize, usize),
@@ -183,7 +186,7 @@ fn reduce(
         if number < count || reducer == Reducer::Count {
             strip.iter().zip(&mut *counts).for_each(|(number, count)| *count += truth(!number.is_nan()));
         } else {
-            // Where all others are VOID, nothing is there.
+            // If all others are VOID, constants do not count.
             strip.iter_mut().zip(&mut *counts).for_each(|(number, count)| {
                 *number = if *count > 0.0 { *number } else { VOID };
                 *count += truth(!number.is_nan());
@@ -214,16 +217,17 @@ fn reduce(
                     *sum += if number.is_nan() { 0.0 } else { *number };
                 }
             }
-            // (Of none, 0 by 0 is VOID.)
+            // (0 divided by 0 is VOID.)
             result.iter_mut().zip(&*counts).for_each(|(sum, count)| *sum /= count);
         }
         Reducer::Median => {}
     }
 }
 
-/// Medians by a network of comparisons (Batcher's merge exchange: Knuth 5.2.2, M) on whole strips, so that many cells are sorted at a time.
+/// Medians by a sorting network (Batcher's merge exchange: Knuth 5.2.2, M) on whole strips, so that
+/// many cells are sorted at a time.
 fn median((strips, length, cells): (&mut [f64], usize, usize), count: usize, counts: &[f64]) {
-    // What is VOID comes last.
+    // VOID sorts last.
     strips.iter_mut().for_each(|number| *number = if number.is_nan() { f64::INFINITY } else { *number });
     let first = count.next_power_of_two() / 2;
     let mut p = first;
@@ -259,7 +263,7 @@ fn median((strips, length, cells): (&mut [f64], usize, usize), count: usize, cou
     }
 }
 
-/// The result where all that counts of some operands is known; `None` is not known, and VOID is not a number.
+/// Result of an expression, if the known operands determine it. `None` is unknown; VOID is NaN.
 pub(super) fn settle(expression: &Expression, operands: &[Option<f64>]) -> Option<f64> {
     let mut stack: Vec<Option<f64>> = Vec::with_capacity(expression.stack());
     for op in expression.ops() {
@@ -269,7 +273,7 @@ pub(super) fn settle(expression: &Expression, operands: &[Option<f64>]) -> Optio
             (Op::Operand(operand), _) => operands[operand],
             (Op::Unary(of), [a]) => a.map(|a| unary(of, a)),
             (Op::Binary(of), [Some(a), Some(b)]) => Some(binary(of, *a, *b)),
-            // Whatever the other is.
+            // Independent of the other operand.
             (Op::Binary(_), [a, b]) => a.or(*b).filter(|known| known.is_nan()),
             (Op::Where, [Some(condition), a, b]) => {
                 if condition.is_nan() {
@@ -296,11 +300,12 @@ pub(super) fn settle(expression: &Expression, operands: &[Option<f64>]) -> Optio
     stack.pop().flatten()
 }
 
-/// Writes results as the samples of a channel, and which cells are not VOID: if samples can be missing those that have one in any channel,
-/// else those that have one in all. (Channels come in their order.)
+/// Writes results as the samples of a channel, and sets which cells are valid: if samples can be
+/// missing, cells with a sample in any channel, else cells with samples in all channels. (Channels
+/// must be stored in order.)
 ///
-/// Whole numbers are the nearest ones, a half upwards as in means; numbers beyond the type become its least or largest, but for floating
-/// ones those that were infinite before.
+/// Integers are rounded to the nearest, half up as in means. Numbers beyond the type's range are
+/// clamped to it. In floating-point types only numbers that were infinite before stay infinite.
 pub(super) fn store(
     (value, channel): (ValueType, usize),
     numbers: &[f64],
@@ -338,7 +343,7 @@ fn fitted(sample: SampleType, number: f64) -> f64 {
     }
 }
 
-/// One cell's results as a value; `None` is VOID.
+/// Results of one cell as a value; `None` is VOID.
 pub(super) fn value_of(value: ValueType, numbers: &[f64]) -> Option<Value> {
     let (mut bytes, mut valid) = ([0; MAX_VALUE_SIZE], [false]);
     let bytes = &mut bytes[..value.size()];

@@ -1,4 +1,4 @@
-//! Operands of a calculation: what its names stand for, on one grid of cells.
+//! Operands of a calculation: the channels that its names refer to, on one grid of cells.
 
 use std::path::Path;
 
@@ -14,35 +14,38 @@ use spinney_base::value::ValueType;
 use spinney_base::{Error, Result};
 use spinney_container::Metadata;
 
-/// A channel of a tree.
+/// Channel of a tree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Operand {
-    /// The tree's number.
+    /// Index of the tree.
     pub(super) tree: usize,
     /// Channel, from 0.
     pub(super) channel: usize,
 }
 
-/// Factor and summand that make the numbers that are calculated with of those that are stored.
+/// Factor and summand that convert stored numbers to those of the calculation.
 pub(super) type Linear = (f64, f64);
 
-/// Expressions, one for each channel of the result, and the trees that their operands are channels of, all of one grid and depth. The first
-/// is what the step is done to.
+/// Expressions, one for each channel of the result, and the trees that have their operands as
+/// channels, all of one grid and depth. The first tree is the one that the calculation is applied
+/// to.
 pub(super) struct Operands {
     pub(super) expressions: Vec<Expression>,
     pub(super) operands: Vec<Operand>,
     pub(super) trees: Vec<View>,
-    /// By operand: the scale of its numbers, in the unit of the first operand where both measure the same. (A composite keeps numbers.)
+    /// Scale of each operand's numbers, in the unit of the first operand if both measure the same
+    /// quantity. (A composite does not scale.)
     pub(super) scales: Vec<Linear>,
 }
 
-/// A tree by the name that expressions have for it.
+/// Tree with its name in expressions.
 struct Named {
     name: String,
     view: View,
 }
 
-/// Layers of the file that a view is of, in its order, each through the same steps as the view and on the same cells.
+/// Layers of the view's file, in file order, each through the same operations as the view and on
+/// the same cells.
 fn layers(view: &View) -> Result<Vec<(String, View)>> {
     let ViewSource::File(file) = &**view.source() else {
         return Ok(vec![(view.source().metadata().name.clone(), view.clone())]);
@@ -54,10 +57,11 @@ fn layers(view: &View) -> Result<Vec<(String, View)>> {
     file.layers()?.into_iter().enumerate().map(layer).collect()
 }
 
-/// Finds what the names in a calculation stand for: files that are named beside it, layers and channels of what it is done to.
+/// Resolves the names in a calculation: files that it lists, and layers and channels of the view
+/// that it is applied to.
 ///
 /// # Errors
-/// If a file cannot be read or lies on another grid, or a name stands for nothing or for several things.
+/// If a file cannot be read or aligned, or a name is unknown or ambiguous.
 pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands> {
     let base: Vec<Named> =
         layers(view)?.into_iter().map(|(name, view)| Named { name, view: by_rule(view) }).collect();
@@ -83,7 +87,7 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
         Formula::Reduction(reducer) => {
             let mut operands = Vec::new();
             for (tree, named) in base.iter().chain(&files).enumerate() {
-                // (Opacity is no band.)
+                // (Opacity is not a band.)
                 let alpha = named.view.source().metadata().alpha.map(usize::from);
                 let channels = (0..channels(&named.view)).filter(|channel| Some(*channel) != alpha);
                 operands.extend(channels.map(|channel| Operand { tree, channel }));
@@ -104,7 +108,7 @@ pub(super) fn resolve(calculation: &Calculation, view: &View) -> Result<Operands
     Ok(Operands { expressions, operands, trees, scales })
 }
 
-/// The scales of operands.
+/// Scales of operands.
 fn scales(operands: &[Operand], trees: &[View]) -> Vec<Linear> {
     let scale = |operand: &Operand| Scale::of(trees[operand.tree].source().metadata(), operand.channel);
     let first = operands.first().map(scale);
@@ -115,7 +119,8 @@ fn scales(operands: &[Operand], trees: &[View]) -> Vec<Linear> {
     operands.iter().map(linear).collect()
 }
 
-/// The channel that a name alone stands for: of a layer of that name, or a channel of its own; else, with a point in it, a layer's channel.
+/// Channel that a single name refers to: a layer of that name, or a channel of that name; else, if
+/// it contains a point, a layer's channel.
 fn find_channel(name: &str, base: &[Named]) -> Result<Operand> {
     let whole =
         |name: &str, channel: Option<&str>| Name { whole: name.into(), channel: channel.map(Into::into) };
@@ -126,11 +131,11 @@ fn find_channel(name: &str, base: &[Named]) -> Result<Operand> {
     find(&name, base, &[])
 }
 
-/// The view as files are seen: where several of its cells become one, that is made by the rule.
+/// The view with the sampling of files: several source cells are combined by the rule.
 fn by_rule(view: View) -> View {
     let rule = view.source().header().rule;
     let is_nearest = view.warp().resampling == Some(Resampling::Nearest);
-    // (A view can be sampled in any way.)
+    // (Sampling never fails for an existing view.)
     if is_nearest { view } else { view.clone().sampled(Sampling::Area(rule)).unwrap_or(view) }
 }
 
@@ -156,7 +161,7 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
         Err(Error::invalid("name in a calculation", found, expected))
     };
     let trees = || base.iter().chain(files).enumerate();
-    // Files that are named come first, so that no file's bands take a name away; then layers.
+    // Files that the calculation lists come first, so that no band's name hides them; then layers.
     let tree = trees()
         .skip(base.len())
         .chain(trees().take(base.len()))
@@ -202,7 +207,7 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
                     ));
                 }
             }
-            // By their numbers channels are those of all layers, one after the other.
+            // Channel numbers count the channels of all layers, consecutively.
             let mut number = number_of(&name.whole);
             for (tree, named) in base.iter().enumerate() {
                 match number {
@@ -219,7 +224,7 @@ fn find(name: &Name, base: &[Named], files: &[Named]) -> Result<Operand> {
     }
 }
 
-/// What there is to name.
+/// All known names.
 fn known(base: &[Named], files: &[Named]) -> Vec<String> {
     let files = files.iter().map(|file| file.name.clone());
     let layers = base.iter().filter(|layer| !layer.name.is_empty()).map(|layer| layer.name.clone());
@@ -231,14 +236,14 @@ fn known(base: &[Named], files: &[Named]) -> Vec<String> {
     names.take(32).map(|name| format!("`{name}`")).chain([numbers]).collect()
 }
 
-/// The channel, from 0, that `b1`, `b2`, ... say.
+/// Channel, from 0, of the names `b1`, `b2`, ...
 fn number_of(name: &str) -> Option<usize> {
     let digits =
         name.strip_prefix('b').filter(|digits| digits.bytes().all(|digit| digit.is_ascii_digit()))?;
     digits.parse::<usize>().ok()?.checked_sub(1)
 }
 
-/// A channel of a view by its band's name, or by its number.
+/// Channel of a view by its band's name, or by its number.
 fn channel_of(name: &str, view: &View) -> Result<Option<usize>> {
     let by_name = channel_by_name(name, view.source().metadata())?;
     Ok(by_name.or_else(|| number_of(name).filter(|channel| *channel < channels(view))))
@@ -262,7 +267,8 @@ fn names_of(view: &View) -> Vec<String> {
     (0..channels(view)).map(|channel| name(channel).unwrap_or_else(|| format!("b{}", channel + 1))).collect()
 }
 
-/// All trees on the first's cells, over all of their extents. Classes keep their numbers, by which expressions name them.
+/// Aligns all trees with the first one's cells, over the extent of all. Classes keep their numbers,
+/// since expressions use these.
 fn aligned(base: Vec<Named>, files: Vec<Named>) -> Result<Vec<View>> {
     if files.is_empty() {
         let deepest = base.iter().map(|named| named.view.depth()).max().unwrap_or(0);
@@ -275,18 +281,18 @@ fn aligned(base: Vec<Named>, files: Vec<Named>) -> Result<Vec<View>> {
 }
 
 impl Operands {
-    /// The value type of an operand's tree, and its channel.
+    /// Value type of an operand's tree, and its channel.
     pub(super) fn channel(&self, operand: usize) -> (ValueType, usize) {
         let Operand { tree, channel } = self.operands[operand];
         (self.trees[tree].form().value, channel)
     }
 
-    /// Whether a tree has operands: no other is read.
+    /// Whether a tree has operands; other trees are not read.
     pub(super) fn is_read(&self, tree: usize) -> bool {
         self.operands.iter().any(|operand| operand.tree == tree)
     }
 
-    /// The operands' trees.
+    /// Trees of the operands.
     pub(super) fn read(&self) -> impl Iterator<Item = &View> {
         self.operands.iter().map(|operand| &self.trees[operand.tree])
     }

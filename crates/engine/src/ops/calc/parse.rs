@@ -1,4 +1,4 @@
-//! Text of expressions: a parser by the precedence of operators, of bounded depth, that writes postfix form.
+//! Expression parser: by operator precedence, of bounded depth, with postfix output.
 
 use std::iter::Peekable;
 use std::vec::IntoIter;
@@ -6,15 +6,15 @@ use std::vec::IntoIter;
 use super::expression::{Binary, Expression, MAX_STEPS, Name, Op, Reducer, Unary};
 use spinney_base::{Error, Result};
 
-/// Bytes of a text at most.
+/// Maximum length of an expression in bytes.
 const LONGEST: usize = 1 << 16;
-/// Parentheses, functions and signs within each other at most.
+/// Maximum nesting of parentheses, functions and signs.
 const DEEPEST: usize = 64;
 
-/// Reads an expression.
+/// Parses an expression.
 ///
 /// # Errors
-/// If it is none, is too long, or too deep; the message says where.
+/// If it is invalid, too long, or too deep; the message gives the position.
 pub(super) fn parse(text: &str) -> Result<Expression> {
     if text.len() > LONGEST {
         let found = format!("an expression of {} bytes", text.len());
@@ -30,9 +30,9 @@ pub(super) fn parse(text: &str) -> Result<Expression> {
     }
 }
 
-/// The error of a text that says something else than what is expected at a place.
+/// Error for an unexpected token at a byte offset.
 fn wrong(text: &str, at: usize, expected: impl AsRef<str>) -> Error {
-    // (Long texts are shown from a little before the place.)
+    // (Long strings are shown from shortly before the offset.)
     let boundary = |at: usize| (at..text.len()).find(|at| text.is_char_boundary(*at)).unwrap_or(text.len());
     let (start, end) = (boundary(at.saturating_sub(30)), boundary(at + 30));
     let dots = |is_cut: bool| if is_cut { "..." } else { "" };
@@ -50,12 +50,12 @@ fn wrong(text: &str, at: usize, expected: impl AsRef<str>) -> Error {
 enum Token {
     Number(f64),
     Name(Name),
-    /// An operator, also one that is a word, a parenthesis, or a comma.
+    /// Operator (also a word), parenthesis, or comma.
     Sign(&'static str),
 }
 
 impl Token {
-    /// A word for what stands where it should not.
+    /// Phrase for an unexpected token.
     fn instead_of(&self) -> String {
         match self {
             Token::Number(_) => "before the number ".into(),
@@ -87,7 +87,7 @@ fn tokens(text: &str) -> Result<Vec<(usize, Token)>> {
             })?;
             (sign.len(), Token::Sign(sign))
         };
-        // (What follows the last step that fits is not looked at.)
+        // (Tokens after the last instruction that fits are not checked.)
         if tokens.len() > 4 * MAX_STEPS {
             return Err(wrong(text, at, format!("at most {MAX_STEPS} operations")));
         }
@@ -110,7 +110,7 @@ fn number(text: &str) -> Option<(usize, Token)> {
             count => length += 1 + sign + count,
         }
     }
-    // `2b` is no number with a name behind it.
+    // `2b` is not a number followed by a name.
     if text[length..].starts_with(|next| is_name_start(next) || next == '.') {
         return None;
     }
@@ -122,7 +122,7 @@ fn is_name_start(character: char) -> bool {
     character.is_alphabetic() || character == '_'
 }
 
-/// A name, and that of a channel behind a dot.
+/// Name, and that of a channel after a dot.
 fn name(text: &str) -> Option<(usize, Token)> {
     let (mut length, whole) = part_of_name(text)?;
     let mut channel = None;
@@ -131,7 +131,7 @@ fn name(text: &str) -> Option<(usize, Token)> {
         length += 1 + more;
         channel = Some(name);
     }
-    // (A name between quotation marks is no word.)
+    // (A quoted name is never an operator.)
     let sign = ["and", "or", "not"].into_iter().find(|word| *word == &text[..length]);
     Some((length, sign.map_or(Token::Name(Name { whole, channel }), Token::Sign)))
 }
@@ -144,7 +144,8 @@ fn part_of_name(text: &str) -> Option<(usize, String)> {
     (text.starts_with(is_name_start)).then(|| (end, text[..end].into()))
 }
 
-/// What stands between quotation marks at the beginning of a text, two for one within, and its length with them.
+/// Unquotes the string at the beginning of `text`, in which doubled quotes are literal; also
+/// returns its length with quotes.
 pub(super) fn quoted(text: &str) -> Option<(usize, String)> {
     let quote = text.chars().next()?;
     let (mut name, mut at) = (String::new(), quote.len_utf8());
@@ -160,7 +161,7 @@ pub(super) fn quoted(text: &str) -> Option<(usize, String)> {
     }
 }
 
-/// How closely operators bind, from the loosest on.
+/// Precedence of operators, from the loosest.
 const OR: u8 = 1;
 const AND: u8 = 2;
 const NOT: u8 = 3;
@@ -201,7 +202,7 @@ impl Parser<'_> {
         wrong(self.text, at, expected)
     }
 
-    /// Takes a sign, if it comes next.
+    /// Consumes a sign, if it is next.
     fn take(&mut self, sign: &str) -> bool {
         self.tokens.next_if(|(_, token)| matches!(token, Token::Sign(next) if *next == sign)).is_some()
     }
@@ -210,8 +211,8 @@ impl Parser<'_> {
         if self.take(sign) { Ok(()) } else { Err(self.wrong(&format!("`{sign}`"))) }
     }
 
-    /// An expression whose operators bind no looser than `least`. Chains of operators take a turn of the loop each, only what is
-    /// within something goes deeper.
+    /// Parses an expression whose operators bind no looser than `least`. A chain of operators is a
+    /// loop; only nested expressions recurse.
     fn expression(&mut self, least: u8, depth: usize) -> Result<()> {
         if depth > DEEPEST {
             return Err(
@@ -271,7 +272,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// A function, from behind its parenthesis.
+    /// Parses a function, from after its opening parenthesis.
     fn function(&mut self, at: usize, name: &Name, depth: usize) -> Result<()> {
         let (start, mut arguments) = (self.ops.len(), Vec::new());
         loop {
@@ -300,7 +301,7 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// Puts those arguments of a reducer last that are the same for all cells.
+    /// Moves those arguments of a reducer to the end that are the same for all cells.
     fn reduce(&mut self, reducer: Reducer, start: usize, arguments: &[usize]) -> Result<()> {
         let ops = self.ops.split_off(start);
         let ends = arguments[1..].iter().copied().chain([start + ops.len()]);
@@ -308,7 +309,7 @@ impl Parser<'_> {
         let is_constant = |part: &&[Op]| !part.iter().any(|op| matches!(op, Op::Operand(_)));
         let (constants, others): (Vec<&[Op]>, Vec<&[Op]>) = parts.partition(is_constant);
         self.ops.extend(others.iter().chain(&constants).flat_map(|part| part.iter()));
-        // (Where there are no others, these are all there is.)
+        // (If all arguments are constant, they are the operands.)
         let counts = if others.is_empty() { (constants.len(), 0) } else { (others.len(), constants.len()) };
         self.ops.push(Op::Reduce(reducer, counts.0, counts.1));
         Ok(())

@@ -1,4 +1,4 @@
-//! The tree that a calculation makes of others.
+//! Tree of a calculation's results.
 
 use super::calculation::Calculation;
 use super::composite;
@@ -14,27 +14,30 @@ use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
-/// A tree whose cells are computed from those of other trees on its grid: nothing is before somebody asks for it.
+/// Tree whose cells are computed from those of other trees on its grid, on request.
 ///
-/// A node is settled where its operands' nodes tell its value; else blocks of cells are read as rows, and computed strip by strip in f64. A level
-/// above the cells is computed from the numbers that its operands have there, which is not what the cells' results have as their mean:
-/// see [`Dataset::is_approximate`](crate::dataset::Dataset::is_approximate). Memory: some megabytes of samples for each part at work, and
-/// sixteen blocks for those who walk nodes.
+/// A node is settled without its cells if its operands' nodes determine its value. Otherwise blocks
+/// of cells are read as rows, and computed strip by strip in f64. A level above the cells is
+/// computed from its operands' values at that level, which differs from the mean of the cells'
+/// results: see [`Dataset::is_approximate`](crate::dataset::Dataset::is_approximate). Memory: some
+/// megabytes of samples for each concurrent request, and a cache of sixteen blocks for traversals
+/// by node.
 pub struct Calculated {
     operands: Operands,
     header: Header,
     metadata: Metadata,
     remarks: Vec<String>,
-    /// Whether channels are those of layers as they are.
+    /// Whether channels are unchanged channels of layers.
     is_composite: bool,
     blocks: Blocks,
 }
 
-/// Bytes of samples that are read at a time, about.
+/// Approximate bytes of samples that are read at a time.
 const PIECE_BYTES: u64 = 2 << 20;
-/// Cells that are read at a time, at most and at least, whatever they take.
+/// Maximum and minimum number of cells that are read at a time, regardless of their size.
 const PIECE_CELLS: [u64; 2] = [1 << 16, 1 << 10];
-/// Levels below the blocks that are handed out as cells, in quadtrees and octrees: those that files are built of.
+/// Levels below the blocks that are returned as cells, in quadtrees and octrees: those that files
+/// are built from.
 const MAX_LEVELS: [u8; 2] = [8, 6];
 
 fn of_dimension(dimension: Dimension, of: [u8; 2]) -> u8 {
@@ -42,10 +45,10 @@ fn of_dimension(dimension: Dimension, of: [u8; 2]) -> u8 {
 }
 
 impl Calculated {
-    /// The tree of a calculation with a view.
+    /// Tree of a calculation applied to a view.
     ///
     /// # Errors
-    /// If a name stands for nothing, or a file cannot be read or lies on another grid.
+    /// If a name cannot be resolved, or a file cannot be read or aligned.
     pub(super) fn new(calculation: &Calculation, view: &View) -> Result<Calculated> {
         let operands = resolve(calculation, view)?;
         let first = &operands.trees[0];
@@ -67,7 +70,7 @@ impl Calculated {
         let remarks = if is_composite { Vec::new() } else { left_out(&own) };
         let mut provenance = own.provenance;
         provenance.push(calculation.to_string());
-        // What is said of the values is not said of what is made of them.
+        // Descriptions of the operands' values do not apply to the results.
         let mut metadata = Metadata {
             frame: own.frame,
             control_points: own.control_points,
@@ -81,38 +84,39 @@ impl Calculated {
         Ok(Calculated { operands, header, metadata, remarks, is_composite, blocks: Blocks::default() })
     }
 
-    /// Whether levels above the cells have numbers that are made of the operands' numbers there, which is not what the cells' results would
-    /// make: not where channels are handed on as they are.
+    /// Whether levels above the cells are computed from the operands' values at these levels,
+    /// instead of from the cells' results. False for composites, which copy channels.
     pub(in crate::ops) fn is_approximate(&self) -> bool {
         !self.is_composite
     }
 
-    /// What the calculation is done to.
+    /// Source that the calculation is applied to.
     pub fn source(&self) -> &ViewSource {
         self.operands.trees[0].source()
     }
 
-    /// The header of a file of the tree.
+    /// Header that a file of the tree would have.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The metadata of a file of the tree: the place in the world is what the calculation is done to has, colours and names it has none.
+    /// Metadata that a file of the tree would have: georeferencing of the source, without colours
+    /// and class names.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// Remarks on what the source has, and the results have not.
+    /// Warnings about properties of the source that the results do not have.
     pub(in crate::ops) fn remarks(&self) -> &[String] {
         &self.remarks
     }
 
-    /// Hands the remarks on the files to whoever waits for the work.
+    /// Reports the warnings about the operands' files to `progress`.
     pub(in crate::ops) fn tell_remarks(&self, progress: &dyn Progress) {
         self.operands.trees.iter().for_each(|tree| tree.source().tell_remark(progress));
     }
 
-    /// Cells of what the calculation is done to that are not VOID.
+    /// Number of cells in the source that are not VOID.
     pub(in crate::ops) fn cells_before(&self) -> Result<u64> {
         self.source().cells_before()
     }
@@ -121,10 +125,11 @@ impl Calculated {
         self.header.depth().saturating_sub(of_dimension(self.header.form.dimension, BLOCK_LEVELS))
     }
 
-    /// Draws a box of cells of a level inside the tree's space as [`Source::draw`] does, from the numbers that the operands have at that level.
+    /// Reads a box of cells of a level inside the tree's space, as [`Source::draw`] does, from the
+    /// operands' values at that level.
     ///
     /// # Errors
-    /// If a tree is damaged there.
+    /// If a tree is corrupt there.
     pub(in crate::ops) fn draw_at(
         &self,
         level: u8,
@@ -162,7 +167,8 @@ impl Calculated {
         Ok(())
     }
 
-    /// The numbers of the operands at a node, where they are known: those of cells that are alike, and of VOID ones.
+    /// Numbers of the operands at a node, where they are known: in uniform nodes, including VOID
+    /// ones.
     fn known(&self, code: Code) -> Result<Vec<Option<f64>>> {
         let uniform = |(number, tree): (usize, &View)| match self.operands.is_read(number) {
             true => uniform(tree, code),
@@ -181,7 +187,7 @@ impl Calculated {
         Ok((0..self.operands.operands.len()).map(number).collect())
     }
 
-    /// A node above the level of blocks, or at it, with a representative that is given for INNER ones.
+    /// Node at the block level, or above it. INNER nodes get the given representative.
     fn node(&self, code: Code, representative: Value) -> Result<Child<Code>> {
         let (cells, picture) = (code.bounds(self.header.depth()), self.header.picture());
         if cells.intersect(&picture).is_empty() {
@@ -193,17 +199,17 @@ impl Calculated {
             settled.collect::<Option<Vec<f64>>>().map(|numbers| value_of(self.header.form.value, &numbers));
         match value {
             Some(None) => Ok(Child::Void),
-            // (Beyond the picture all is VOID.)
+            // (Beyond the extent all cells are VOID.)
             Some(value) if picture.contains(&cells) => Ok(Child::uniform(value)),
             _ => Ok(Child::Inner { representative, node: code }),
         }
     }
 }
 
-/// The type, kind and rule of values of one channel that are calculated.
+/// Type, kind and rule of calculated values of one channel.
 fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, DataKind, Rule) {
     let sample = sample.unwrap_or(SampleType::F32);
-    // Whole numbers made of nothing but classes are classes.
+    // Integers that are calculated from classes only are classes.
     let is_class = |view: &View| view.source().header().kind == DataKind::Categorical;
     let is_classes = !sample.is_float() && operands.read().next().is_some() && operands.read().all(is_class);
     let kind = if is_classes { DataKind::Categorical } else { DataKind::Continuous };
@@ -214,7 +220,7 @@ fn one_channel(sample: Option<SampleType>, operands: &Operands) -> (ValueType, D
     (ValueType::new(sample, 1), kind, rule)
 }
 
-/// What a tree has that its cells' results have not.
+/// Properties of a tree that its cells' results do not have.
 fn left_out(metadata: &Metadata) -> Vec<String> {
     let parts = [
         ("colours", metadata.palette.is_some()),
@@ -228,7 +234,8 @@ fn left_out(metadata: &Metadata) -> Vec<String> {
     vec![format!("{} are of what is calculated with: the result has none", left.join(", "))]
 }
 
-/// The value that all cells of a node have (`None` is VOID), where its own state or that of one above it tells.
+/// Value of all cells of a node (`None` is VOID), if its own state or that of an ancestor
+/// determines it.
 fn uniform(tree: &View, code: Code) -> Result<Option<Option<Value>>> {
     let (mut child, mut children) = (tree.root()?, no_children());
     for level in 0..code.level() {
@@ -243,7 +250,7 @@ fn uniform(tree: &View, code: Code) -> Result<Option<Option<Value>>> {
     })
 }
 
-/// The two parts of a box along its longest axis, cut where nodes as large as possible meet.
+/// Halves of a box along its longest axis, cut at the border of the largest possible nodes.
 fn halves(bounds: &Bounds) -> [Bounds; 2] {
     let size = bounds.size();
     let axis = (0..3).max_by_key(|axis| size[*axis]).unwrap_or(0);
@@ -254,12 +261,12 @@ fn halves(bounds: &Bounds) -> [Bounds; 2] {
     [high, low]
 }
 
-/// Computes the cells of a box, piece by piece.
+/// Computes the cells of a box, one sub-box at a time.
 struct Painter<'a> {
     operands: &'a Operands,
     value: ValueType,
     machine: Machine<'a>,
-    /// Values of a piece, and which of them there are, of each tree.
+    /// Values of each tree in the sub-box, and which of them are valid.
     read: Vec<(Vec<u8>, Vec<bool>)>,
     level: u8,
     bounds: &'a Bounds,
@@ -282,7 +289,8 @@ impl Painter<'_> {
         let [width, height, _] = piece.size().map(|cells| cells as usize);
         let [columns, rows, _] = self.bounds.size().map(|cells| cells as usize);
         let [x, y, z] = [0, 1, 2].map(|axis| (piece.min[axis] - self.bounds.min[axis]) as usize);
-        // The box's rows are one run where the piece has all of them; else a run is a row.
+        // Cells of the box are contiguous if the sub-box has whole rows (and layers); else a run is
+        // a row.
         let is_one_run = width == columns && (height == rows || piece.size()[2] == 1);
         let run = if is_one_run { cells } else { width };
         for first in (0..cells).step_by(run) {
@@ -296,7 +304,8 @@ impl Painter<'_> {
         Ok(())
     }
 
-    /// Computes so many cells of the piece, from one on, to a place of the box.
+    /// Computes `count` cells of the sub-box from index `from`, and stores them in the box from
+    /// index `to`.
     fn strip(&mut self, from: usize, to: usize, count: usize) {
         for operand in 0..self.operands.operands.len() {
             let channel = self.operands.channel(operand);

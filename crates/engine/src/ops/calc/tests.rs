@@ -1,4 +1,5 @@
-//! Programs against a naive model: every cell by itself, with `None` for VOID. (Trees are tried in tests/operations.)
+//! Programs against a naive model: every cell separately, with `None` for VOID. (Trees are tested
+//! in tests/operations.)
 
 use super::kernel::{Machine, settle, value_of};
 use super::parse::parse;
@@ -13,7 +14,7 @@ impl Random {
     }
 }
 
-/// An expression as a tree, beside its text.
+/// Expression as a tree, which can be written as a string.
 enum Model {
     Number(f64),
     Operand(usize),
@@ -150,7 +151,7 @@ impl Model {
     }
 }
 
-/// Whether two results are the same; means of many numbers may be added up in another order.
+/// Whether two results are the same; means of many numbers may be summed in another order.
 fn same(a: Option<f64>, b: Option<f64>) -> bool {
     match (a, b) {
         (Some(a), Some(b)) => a == b || (a - b).abs() <= 1e-12 * a.abs().max(b.abs()),
@@ -198,7 +199,7 @@ fn programs_do_what_the_model_does() {
             let found = Some(found[cell]).filter(|number| !number.is_nan());
             assert!(same(found, expected), "{text} of {here:?}: {found:?}, not {expected:?}");
             voids += usize::from(expected.is_none());
-            // What is told of some operands holds whatever the others are.
+            // A result that follows from some operands holds for all values of the others.
             let known: Vec<Option<f64>> = operands
                 .iter()
                 .map(|operand| (random.below(3) > 0).then(|| here[*operand].unwrap_or(f64::NAN)))

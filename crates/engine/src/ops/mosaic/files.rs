@@ -1,4 +1,4 @@
-//! The files of a mosaic that are open.
+//! Open files of a mosaic.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -9,21 +9,21 @@ use spinney_base::{Error, Result};
 use spinney_container::{FileHeader, FileReference, Header, OpenOptions, TreeFormat};
 use spinney_manifest::{FileTag, ListedFile};
 
-/// Files that are kept open at most.
+/// Maximum number of open files.
 pub(super) const MAX_OPEN: usize = 64;
 
-/// Files that were used last.
+/// Most recently used files.
 #[derive(Default)]
 pub(super) struct OpenFiles(Mutex<Vec<(u32, Arc<Goblin>)>>);
 
 impl OpenFiles {
-    /// A file, which becomes the last that was used; opened if it is not open.
+    /// Returns a file, which becomes the most recently used; opens it if it is not open.
     pub(super) fn get(&self, number: u32, open: &dyn Fn() -> Result<Goblin>) -> Result<Arc<Goblin>> {
         if let Some(file) = self.kept(number) {
             return Ok(file);
         }
-        // (Without the lock: others may go on, and at worst two open the same.)
-        // (And apart from the round of the question, which would open it anew each time.)
+        // (Without the lock: other threads continue, and in the worst case two open the same file.
+        // Outside of the current batch, which would open the file again in each attempt.)
         let file = Arc::new(outside_batch(open)?);
         let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if kept.len() >= MAX_OPEN {
@@ -41,14 +41,14 @@ impl OpenFiles {
         kept.last().map(|(_, file)| file.clone())
     }
 
-    /// All that are open.
+    /// All open files.
     pub(super) fn all(&self) -> Vec<Arc<Goblin>> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().map(|(_, file)| file.clone()).collect()
     }
 }
 
-/// Opens a file of one tree or one of its layers, with its state.
+/// Opens a file of one tree or one of its layers, with its tag.
 pub(super) fn open_goblin(
     file: &Path,
     layer: Option<&str>,
@@ -66,7 +66,7 @@ pub(super) fn open_goblin(
     Ok((if number == 0 { first } else { first.open_layer(number)? }, tag))
 }
 
-/// Opens a file of a manifest, which must be what the manifest tells of it.
+/// Opens a file of a manifest and checks it against the manifest's entry.
 pub(super) fn open_listed(
     entry: &ListedFile,
     (manifest, common): (&Path, &Header),

@@ -1,23 +1,25 @@
-//! Where files lie: an index of boxes by the FD codes of the nodes around them.
+//! Spatial index of the files: boxes by the FD codes of the nodes around them.
 
 use spinney_base::space::{Bounds, Code, Dimension};
 
-/// Boxes, found by the boxes that they meet. Memory: 4 entries (8 in octrees) of 16 bytes for each at most.
+/// Boxes that can be searched by intersection with a box. Memory: at most 4 entries (8 in octrees)
+/// of 16 bytes per box.
 pub(super) struct Index {
     dimension: Dimension,
     depth: u8,
-    /// Nodes that have a part of a box, no smaller than it, with its number; sorted.
-    /// Invariant: two boxes that meet have a cell in common, which is in a node of each; of these two nodes one contains the other.
+    /// Nodes that intersect a box and are no smaller than it, with the box's index; sorted.
+    /// Invariant: two boxes that intersect share a cell, which is in a node of each. One of these
+    /// two nodes contains the other.
     nodes: Vec<(u64, u32)>,
 }
 
-/// The level of the smallest nodes that are no smaller than a box of cells, along each axis.
+/// Level of the smallest nodes that are no smaller than a box of cells, along each axis.
 fn level_of(bounds: &Bounds, (dimension, depth): (Dimension, u8)) -> u8 {
     let side = bounds.size()[..dimension.axes()].iter().copied().max().unwrap_or(1).max(1);
     depth.saturating_sub(side.next_power_of_two().ilog2() as u8)
 }
 
-/// The nodes of that level that a box meets: at most two along each axis.
+/// Nodes of that level that intersect a box: at most two along each axis.
 fn nodes_around(bounds: &Bounds, (dimension, depth): (Dimension, u8)) -> Vec<Code> {
     let level = level_of(bounds, (dimension, depth));
     let above = depth - level;
@@ -36,7 +38,7 @@ fn nodes_around(bounds: &Bounds, (dimension, depth): (Dimension, u8)) -> Vec<Cod
 }
 
 impl Index {
-    /// An index of boxes in a space.
+    /// Index of boxes in a space.
     pub(super) fn new(boxes: impl Iterator<Item = Bounds>, dimension: Dimension, depth: u8) -> Index {
         let around = |(number, bounds): (usize, Bounds)| {
             let nodes = nodes_around(&bounds, (dimension, depth));
@@ -47,7 +49,8 @@ impl Index {
         Index { dimension, depth, nodes }
     }
 
-    /// Numbers of the boxes that may meet a box, ascending: all that do, and some that are near. Time: that of a search for each level, and those found.
+    /// Indices of the boxes that may intersect a box, ascending: all that do, and some nearby ones.
+    /// Time: a search per level, plus the number of results.
     pub(super) fn near(&self, bounds: &Bounds) -> Vec<u32> {
         let mut found = Vec::new();
         let mut take = |first: u64, last: u64| {

@@ -1,14 +1,15 @@
-//! Boxes of nodes of a level: the cells from the files, coarser levels from the files' own.
+//! Boxes of nodes of a level: cells from the files, coarser levels from those of the files.
 
 use super::Mosaic;
 use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::{Rule, Value, ZoneStats, representative};
 
-/// Levels between a node that a file begins within and the file's own nodes that it is made of.
+/// If a file begins within a node, the node is computed from the file's own nodes this number of
+/// levels below.
 const FINER: u8 = 2;
 
-/// Values of a box, and which of them there are.
+/// Values of a box, and which of them are valid.
 pub(super) struct Drawn {
     pub(super) bounds: Bounds,
     pub(super) values: Vec<u8>,
@@ -21,21 +22,21 @@ impl Drawn {
         Drawn { bounds, values: vec![0; cells * width], valid: vec![false; cells] }
     }
 
-    /// The value at a place in the box.
+    /// Value at a position in the box.
     pub(super) fn value(&self, at: [u64; 3], width: usize) -> Option<Value> {
         let index = index(&self.bounds, at);
         self.valid[index].then(|| Value::from_bytes(&self.values[index * width..(index + 1) * width]))
     }
 }
 
-/// The number of a place among those of a box.
+/// Index of a position among those of a box.
 fn index(bounds: &Bounds, at: [u64; 3]) -> usize {
     let [columns, rows, _] = bounds.size();
     let [x, y, z] = [0, 1, 2].map(|axis| at[axis] - bounds.min[axis]);
     ((z * rows + y) * columns + x) as usize
 }
 
-/// The places of a box, x fastest.
+/// Positions in a box, x fastest.
 pub(super) fn places(bounds: Bounds) -> impl Iterator<Item = [u64; 3]> {
     let Bounds { min, max } = bounds;
     let row = move |z, y| (min[0]..max[0]).map(move |x| [x, y, z]);
@@ -43,7 +44,7 @@ pub(super) fn places(bounds: Bounds) -> impl Iterator<Item = [u64; 3]> {
 }
 
 impl Mosaic {
-    /// A box whose numbers are those of nodes so many levels above others, in these.
+    /// Box of nodes, in nodes that are `by` levels below.
     fn finer(&self, bounds: &Bounds, by: u8) -> Bounds {
         let axes = self.header.form.axes();
         let scaled = |cell: [u64; 3]| {
@@ -52,7 +53,7 @@ impl Mosaic {
         Bounds { min: scaled(bounds.min), max: scaled(bounds.max) }
     }
 
-    /// The nodes so many levels above some cells that have any of them.
+    /// Nodes that are `by` levels above the cells and contain any of them.
     fn coarser(&self, cells: &Bounds, by: u8) -> Bounds {
         let axes = self.header.form.axes();
         let first = |axis: usize| if axis < axes { cells.min[axis] >> by } else { cells.min[axis] };
@@ -62,7 +63,8 @@ impl Mosaic {
         Bounds { min: std::array::from_fn(first), max: std::array::from_fn(end) }
     }
 
-    /// Whether a file's cells begin with a node so many levels above them, and it has nodes of that size.
+    /// Whether a file begins at the border of a node `above` levels above its cells, and has nodes
+    /// of that size.
     pub(super) fn lies_on_nodes(&self, number: u32, above: u8) -> bool {
         let entry = self.entry(number);
         let begins =
@@ -70,10 +72,11 @@ impl Mosaic {
         begins && above <= entry.depth
     }
 
-    /// Draws a box of nodes of a level inside the tree's space as [`Source::draw`](crate::tree::Source::draw) does.
+    /// Reads a box of nodes of a level inside the tree's space, as
+    /// [`Source::draw`](crate::tree::Source::draw) does.
     ///
     /// # Errors
-    /// If a file is damaged there, or is not what the manifest tells.
+    /// If a file is corrupt there, or does not match the manifest.
     pub(in crate::ops) fn draw_at(
         &self,
         level: u8,
@@ -93,14 +96,15 @@ impl Mosaic {
             }
             return Ok(());
         }
-        // Nodes of one file are that file's, those of several are made of sums and counts.
+        // Nodes that intersect one file are that file's; those of several files are computed from
+        // sums and counts.
         let mut owners = vec![0u8; valid.len()];
         let parts: Vec<(u32, Bounds)> = numbers
             .into_iter()
             .map(|number| (number, self.coarser(&self.entry(number).bounds, above).intersect(bounds)))
             .collect();
         for (number, part) in &parts {
-            // (One that is smaller than a node has no node of that size.)
+            // (A file that is smaller than a node has no node of that size.)
             let more = if above > self.entry(*number).depth { 2 } else { 1 };
             for at in places(*part) {
                 let owners = &mut owners[index(bounds, at)];
@@ -128,8 +132,8 @@ impl Mosaic {
         Ok(())
     }
 
-    /// The values of the children of a node in child order, as far as its majority depends on them: none without a tie, and none after
-    /// the first that decides it.
+    /// Values of a node's children in child order, as far as its majority depends on them: none
+    /// without a tie, and none after the first that breaks it.
     fn deciding_children(&self, code: Code, tally: &ZoneStats) -> Result<Vec<Option<(Value, bool)>>> {
         let mut children = Vec::new();
         if self.header.rule != Rule::Majority || !tally.is_tied() {
@@ -150,7 +154,7 @@ impl Mosaic {
         Ok(children)
     }
 
-    /// Copies what is not VOID to its places in a box, where it is wanted.
+    /// Copies valid values to their positions in a box, where `is_wanted` selects them.
     fn paste(
         &self,
         drawn: &Drawn,
@@ -169,14 +173,15 @@ impl Mosaic {
         }
     }
 
-    /// The cells of the mosaic in a box.
+    /// Cells of the mosaic in a box.
     pub(super) fn draw_cells(&self, bounds: Bounds) -> Result<Drawn> {
         let mut drawn = Drawn::void(bounds, self.header.form.width());
         self.draw_at(self.header.depth(), &bounds, &mut drawn.values, &mut drawn.valid)?;
         Ok(drawn)
     }
 
-    /// Nodes of one file so many levels above the cells, each of which has some of its cells.
+    /// Nodes of a file `above` levels above the cells, each of which contains some of the file's
+    /// cells.
     fn draw_file(&self, number: u32, above: u8, part: Bounds) -> Result<Drawn> {
         let mut drawn = Drawn::void(part, self.header.form.width());
         let (axes, entry) = (self.header.form.axes(), self.entry(number));
@@ -193,7 +198,8 @@ impl Mosaic {
         Ok(drawn)
     }
 
-    /// Nodes that do not begin where the file's own do, from those of it that are finer: each counts in the node where most of it is.
+    /// Draws nodes whose borders do not coincide with the file's own nodes, from the file's finer
+    /// nodes: each of these counts in the node that contains most of it.
     fn draw_between(&self, number: u32, above: u8, drawn: &mut Drawn) -> Result<()> {
         let (axes, entry, width) = (self.header.form.axes(), self.entry(number), self.header.form.width());
         let finer = FINER.max(above.saturating_sub(entry.depth)).min(above);
@@ -242,7 +248,8 @@ impl Mosaic {
         Ok(())
     }
 
-    /// The majority and the tally of a box of samples, of `2^n` along each axis, as those of a node; `None` if it has none.
+    /// Majority and tally of a box of samples, `2^n` along each axis, computed as for a node;
+    /// `None` if there are no samples.
     fn majority_of(
         &self,
         samples: &Bounds,
@@ -275,7 +282,7 @@ impl Mosaic {
         Some((representative(Rule::Majority, &values, &tally, 0), tally))
     }
 
-    /// The tally of some cells.
+    /// Tally of some cells.
     pub(super) fn count(&self, values: &[Value]) -> ZoneStats {
         let value_type = self.header.form.value;
         match values {
@@ -288,14 +295,14 @@ impl Mosaic {
         }
     }
 
-    /// Whether classes of a few cells are counted.
+    /// Whether classes are counted for a few cells.
     fn counts_classes(&self) -> bool {
         self.header.counts_classes() || matches!(self.header.rule, Rule::Dominant | Rule::Nearest)
     }
 }
 
-/// The value of a node of so many cells by a rule; the children decide between classes with as many cells. (Rules that go by children
-/// have the class of most cells.)
+/// Value of a node with this number of cells by a rule; ties between classes are broken by the
+/// children. (Rules that depend on nodes instead of cells use the majority class.)
 fn value_of(rule: Rule, children: &[Option<(Value, bool)>], tally: &ZoneStats, cells: u64) -> Value {
     match rule {
         Rule::Min => tally.min,

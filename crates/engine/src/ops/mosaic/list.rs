@@ -1,4 +1,4 @@
-//! Making and changing manifests.
+//! Creation and update of manifests.
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::{Component, Path, PathBuf};
@@ -13,7 +13,7 @@ use spinney_base::{Error, Progress, Result};
 use spinney_container::{FileReference, HEAVY_THRESHOLD, Header, Metadata, STRIDE, Shape, Tag, reach};
 use spinney_manifest::{ListedFile, Manifest};
 
-/// A file that is to be listed.
+/// File to be listed.
 struct Listed {
     entry: ListedFile,
     name: String,
@@ -21,13 +21,14 @@ struct Listed {
     metadata: Metadata,
 }
 
-/// Makes a manifest of files at a path, or changes the one that is there if `is_update` asks for it: files that are named in `removed` go, and
-/// `added` ones come on top of the others; one that is listed already stays where it is among them, in the state that it has now. It is replaced as a whole
-/// in the end, and nobody else changes it meanwhile.
+/// Creates a manifest at a path, or updates the existing one if `is_update`: removes the files that
+/// `removed` names, and puts the `added` ones on top of the others. A file that is listed already
+/// keeps its position, and its entry is refreshed. The manifest is locked meanwhile and replaced as
+/// a whole at the end.
 ///
 /// # Errors
-/// [`Error::Locked`] if somebody else is changing it; if a file cannot be read, is of another form or on another grid than the others, or a name to remove is
-/// not listed; or on interruption.
+/// [`Error::Locked`] if another process is changing it; if a file cannot be read, has another tree
+/// type or grid than the others, or a name to remove is not listed; or on cancellation.
 pub fn list_files(
     path: &Path,
     is_update: bool,
@@ -79,7 +80,7 @@ pub fn list_files(
     })
 }
 
-/// Takes files off a manifest.
+/// Removes files from a manifest.
 fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()> {
     for name in removed {
         let named = stored_name(path, Path::new(name)).unwrap_or_default();
@@ -93,7 +94,7 @@ fn remove(path: &Path, manifest: &mut Manifest, removed: &[String]) -> Result<()
     Ok(())
 }
 
-/// Opens a file and tells what is to be listed of it; where it lies is found later.
+/// Opens a file and makes its entry; its position is computed later.
 fn look_at(manifest: &Path, path: &Path, access: &FileAccess) -> Result<Listed> {
     let place = FileReference::of(path);
     let (file, tag) = open_goblin(&place.file, place.layer.as_deref(), &access.into())?;
@@ -118,7 +119,7 @@ fn look_at(manifest: &Path, path: &Path, access: &FileAccess) -> Result<Listed> 
     })
 }
 
-/// A file's name in a manifest: relative to the manifest's folder if it was given relatively.
+/// Name of a file in a manifest: relative to the manifest's directory if it was given relatively.
 fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
     let text = |path: &Path| {
         path.to_str()
@@ -144,7 +145,7 @@ fn stored_name(manifest: &Path, file: &Path) -> Result<String> {
     text(&relative.join(file.file_name().unwrap_or_default()))
 }
 
-/// Metadata that a manifest takes over from a file: those of its cells, and not of how it was made.
+/// Metadata that a manifest copies from a file: those about its cells, not about its making.
 fn common_part(metadata: &Metadata) -> Metadata {
     Metadata {
         name: String::new(),
@@ -157,7 +158,7 @@ fn common_part(metadata: &Metadata) -> Metadata {
     }
 }
 
-/// Adds files to a manifest; `left` gets what their metadata do not have in common.
+/// Adds files to a manifest; `left` collects what their metadata do not have in common.
 fn add(
     path: &Path,
     mut manifest: Manifest,
@@ -182,12 +183,12 @@ fn add(
         }
         share(path, &mut manifest.metadata, file, left)?;
     }
-    // All in one grid: that of the manifest, moved to where no cell is negative.
+    // Align all with one grid: that of the manifest, moved so that no cell is negative.
     let located = |name, metadata: &Metadata, extent| {
         Located::new(name, metadata.frame.clone(), metadata.tag(Tag::Unit), extent)
     };
     let own = path.display().to_string();
-    // (Messages name a file, since the manifest may not be there yet.)
+    // (Messages name a file, since the manifest may not exist yet.)
     let first = manifest.entries.first().map(|entry| entry.path.clone());
     let name = first.or(files.first().map(|file| file.name.clone())).unwrap_or_else(|| own.clone());
     let listed = located(&name, &manifest.metadata, manifest.header.extent);
@@ -232,7 +233,8 @@ fn shifted(bounds: &Bounds, by: [u64; 3]) -> Bounds {
     Bounds { min: moved(bounds.min), max: moved(bounds.max) }
 }
 
-/// Leaves in the metadata of all what a file has, too, and adds to `left` what that is not. Classes of files are put together.
+/// Keeps in `common` only what a file's metadata share with it, and adds the rest to `left`.
+/// Classes of all files are merged.
 fn share(path: &Path, common: &mut Metadata, file: &Listed, left: &mut BTreeSet<&'static str>) -> Result<()> {
     let own = &file.metadata;
     for (class, name) in &own.class_names {

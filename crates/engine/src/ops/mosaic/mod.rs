@@ -1,4 +1,4 @@
-//! Many files as one tree, as a manifest tells them.
+//! Many files as one tree, as listed in a manifest.
 
 mod files;
 mod index;
@@ -26,11 +26,12 @@ use xxhash_rust::xxh3::xxh3_128;
 
 pub use self::list::list_files;
 
-/// The tree that the files of a manifest are together: each where it lies, VOID between them, and where two overlap the cells of the later one
-/// that are not VOID lie on top.
+/// Tree of all files of a manifest: each at its position, with VOID between them. Where files
+/// overlap, the cells of the later one that are not VOID are on top.
 ///
-/// Opening it opens no file: a question opens those that it touches, of which 64 stay open. A file that is not what the manifest tells is an error.
-/// Nodes of one file whose cells lie on theirs are handed on as they are. Levels above the cells: see [`Mosaic::is_approximate`].
+/// Opening a mosaic opens no file. A query opens the files that it touches, of which 64 stay open.
+/// A file that does not match the manifest is an error. Nodes of a file that coincide with nodes of
+/// the mosaic are returned unchanged. Levels above the cells: see [`Mosaic::is_approximate`].
 pub struct Mosaic {
     path: PathBuf,
     bytes: u64,
@@ -43,32 +44,32 @@ pub struct Mosaic {
     files: OpenFiles,
     tallies: Tallies,
     blocks: Blocks,
-    /// See [`Mosaic::is_approximate`]; found when somebody asks, since it looks at all files.
+    /// See [`Mosaic::is_approximate`]; computed on request, since it checks all files.
     approximate: OnceLock<bool>,
 }
 
-/// An INNER node of a mosaic.
+/// INNER node of a mosaic.
 #[derive(Clone, Copy, Debug)]
 pub enum MosaicNode {
-    /// Of several files, or of one whose cells do not lie on its own.
+    /// Node of several files, or of one whose nodes do not coincide with the mosaic's.
     Several(Code),
-    /// Of the file of this number.
+    /// Node of the file with this index.
     File(u32, GoblinNode),
 }
 
 impl Mosaic {
-    /// The tree of a manifest's text, which was read from a path.
+    /// Parses a manifest that was read from a path.
     ///
     /// # Errors
-    /// If the text is damaged.
+    /// If the manifest is corrupt.
     pub(super) fn from_bytes(path: &Path, bytes: &[u8], options: &OpenOptions) -> Result<Mosaic> {
         let Manifest { header, metadata, entries } = Manifest::from_bytes(path, bytes)?;
         let boxes = entries.iter().map(|entry| entry.bounds);
         let index = Index::new(boxes, header.form.dimension, header.depth());
-        // (What stays in memory of files that are read at positions is what would stay of one.)
+        // (The read cache of one file is divided among the open files.)
         let access = options.access.divided(files::MAX_OPEN as u64);
         let each = options.clone().access(access);
-        // (What they were made of stands in each of them.)
+        // (Each file stores its own provenance.)
         let count = entries.len();
         let files = if count == 1 { "file" } else { "files" };
         let listed = format!("{count} {files} that {} lists", path.display());
@@ -89,9 +90,11 @@ impl Mosaic {
         })
     }
 
-    /// Whether numbers of some levels above the cells are approximate: where a file begins within a node of that level, they are made of nodes
-    /// two levels finer; where files overlap in large nodes, cells that are hidden may count. By the rules that go by nodes instead of cells
-    /// (dominant, nearest) a node of several files has what the topmost has there. All else is exact: means from sums, majorities from counts.
+    /// Whether values of some levels above the cells are approximate. Where a file begins within a
+    /// node of that level, values are computed from nodes two levels finer. Where files overlap in
+    /// large nodes, hidden cells may count. By the rules that depend on nodes instead of cells
+    /// (dominant, nearest), a node of several files has the value of the topmost file there. All
+    /// else is exact: means from sums, majorities from counts.
     pub(super) fn is_approximate(&self) -> bool {
         *self.approximate.get_or_init(|| self.has_approximate_levels())
     }
@@ -107,7 +110,7 @@ impl Mosaic {
             || self.has_overlaps()
     }
 
-    /// Whether files overlap; of very many that are near each other it is taken for granted.
+    /// Whether files overlap; assumed if there are very many close to each other.
     fn has_overlaps(&self) -> bool {
         const MAX_CHECKED: usize = 1 << 22;
         let mut looked_at = 0;
@@ -119,7 +122,7 @@ impl Mosaic {
         })
     }
 
-    /// The manifest's path.
+    /// Path of the manifest.
     pub(super) fn path(&self) -> &Path {
         &self.path
     }
@@ -129,32 +132,32 @@ impl Mosaic {
         &self.options.access
     }
 
-    /// Bytes of the manifest and of its files, as it tells them.
+    /// Bytes of the manifest and of its files, as it lists them.
     pub(super) fn bytes(&self) -> u64 {
         self.entries.iter().map(|entry| entry.tag.length).fold(self.bytes, u64::saturating_add)
     }
 
-    /// A number that another text of the manifest does not have: it tells the state of every file that is listed.
+    /// Hash of the manifest, which records the state of every listed file.
     pub fn state(&self) -> u128 {
         self.state
     }
 
-    /// Form, rule and extent of all together.
+    /// Tree type, rule and extent of the whole.
     pub(super) fn header(&self) -> &Header {
         &self.header
     }
 
-    /// Frame, names, colours and tags of all together.
+    /// Frame, names, colours and tags of the whole.
     pub(super) fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// The files, in the order in which they lie on each other.
+    /// The files, from bottom to top.
     pub fn entries(&self) -> &[ListedFile] {
         &self.entries
     }
 
-    /// Numbers of the files whose boxes meet a box of cells, the topmost last.
+    /// Indices of the files whose boxes intersect a box of cells, the topmost last.
     fn meeting(&self, cells: &Bounds) -> Vec<u32> {
         let mut near = self.index.near(cells);
         near.retain(|number| !self.entry(*number).bounds.intersect(cells).is_empty());
@@ -165,20 +168,21 @@ impl Mosaic {
         &self.entries[number as usize]
     }
 
-    /// An open file.
+    /// Opens a file, or returns it if it is open.
     fn file(&self, number: u32) -> Result<Arc<Goblin>> {
         self.files.get(number, &|| open_listed(self.entry(number), (&self.path, &self.header), &self.options))
     }
 
-    /// Makes sure that the files that are open still are what they were.
+    /// Checks that the open files have not changed.
     pub(super) fn check_unchanged(&self) -> Result<()> {
         self.files.all().iter().try_for_each(|file| file.check_unchanged())
     }
 
-    /// Checks every file, one after the other, and that each is what the manifest tells. A place of a finding names its file.
+    /// Verifies every file, and that each matches the manifest. The place of a finding names its
+    /// file.
     ///
     /// # Errors
-    /// If a file cannot be read, or is not what the manifest tells; or on interruption.
+    /// If a file cannot be read, or does not match the manifest; or on cancellation.
     pub(super) fn verify(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<Finding>> {
         let mut findings = Vec::new();
         for number in 0..self.entries.len() {

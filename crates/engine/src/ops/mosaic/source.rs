@@ -1,4 +1,5 @@
-//! A mosaic as a source: nodes of one file are handed on, others are gone into, down to blocks of cells that are drawn.
+//! A mosaic as a source: nodes of a single file are forwarded, others are subdivided, down to
+//! blocks of cells that are drawn.
 
 use super::{Mosaic, MosaicNode};
 use crate::ops::blocks::{BLOCK_LEVELS, Block};
@@ -15,19 +16,21 @@ impl Mosaic {
         self.header.depth().saturating_sub(levels)
     }
 
-    /// A node at the level of blocks, or above it. The representative of one of several files is left out: it is made when it is asked for.
+    /// Node at the block level, or above it. The representative of a node of several files is left
+    /// out, and computed on request.
     fn node(&self, code: Code) -> Result<Child<MosaicNode>> {
         let above = self.header.depth() - code.level();
         match self.meeting(&code.bounds(self.header.depth()))[..] {
             [] => Ok(Child::Void),
-            // Invariant: where only one file has cells of a node, and begins with a node of that size, that node is one of its own, with all that is below
-            // it: its values, averages and counts are those of the mosaic.
+            // Invariant: if only one file has cells in a node, and begins at the border of a node
+            // of that size, the node is one of the file's own, with all descendants. Its values,
+            // averages and counts are those of the mosaic.
             [number] if self.lies_on_nodes(number, above) => self.node_of_file(number, code),
             _ => Ok(Child::Inner { representative: Value::ZERO, node: MosaicNode::Several(code) }),
         }
     }
 
-    /// A node that is one of a file's own.
+    /// Node that is one of a file's own.
     fn node_of_file(&self, number: u32, code: Code) -> Result<Child<MosaicNode>> {
         let (entry, file) = (self.entry(number), self.file(number)?);
         let above = self.header.depth() - code.level();
@@ -46,7 +49,7 @@ impl Mosaic {
         Ok(child.map_node(|node| MosaicNode::File(number, node)))
     }
 
-    /// Representative of an INNER node, where that was left out.
+    /// Representative of an INNER node, computed if it was left out.
     pub(in crate::ops) fn representative(&self, node: &MosaicNode, given: Value) -> Result<Value> {
         let MosaicNode::Several(code) = node else { return Ok(given) };
         let min = code.cell().map(u64::from);
@@ -56,7 +59,7 @@ impl Mosaic {
         Ok(if valid[0] { Value::from_bytes(&value) } else { given })
     }
 
-    /// [`Source::children`], as nodes of something that stands on this tree.
+    /// [`Source::children`], as nodes of a source that derives from this tree.
     pub(in crate::ops) fn children_as<N>(
         &self,
         node: &MosaicNode,
@@ -113,7 +116,7 @@ impl Source for Mosaic {
         let mut found = no_children();
         self.blocks.children((depth, self.block_level()), code, &mut found, &|code| {
             Block::new(form, (code, depth - code.level()), &mut |above, bounds, values, valid| {
-                // (What stands for a node above the cells is made when it is asked for.)
+                // (Representatives of nodes above the cells are computed on request.)
                 if above == 0 { self.draw_at(depth, bounds, values, valid) } else { Ok(()) }
             })
         })?;

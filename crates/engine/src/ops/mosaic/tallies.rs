@@ -1,4 +1,4 @@
-//! Counts and sums of nodes that several files have a part of.
+//! Counts and sums of nodes that intersect several files.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,26 +10,26 @@ use spinney_base::Result;
 use spinney_base::space::{Bounds, Code};
 use spinney_base::value::ZoneStats;
 
-/// Cells of a node that are counted one by one where files overlap.
+/// Maximum number of cells of a node that are counted one by one where files overlap.
 const COUNTED: u64 = 1 << 12;
-/// Cells of a node up to which it is exact where files overlap.
+/// Maximum number of cells of a node whose tally is exact where files overlap.
 const EXACT: u64 = 1 << 16;
-/// Files whose boxes are compared with each other.
+/// Maximum number of files whose boxes are compared with each other.
 const COMPARED: usize = 64;
-/// Boxes that the part of a node that nothing has hidden so far is kept as.
+/// Maximum number of boxes that represent the region of a node that is not hidden so far.
 const MAX_BOXES: usize = 32;
-/// Tallies that are kept.
+/// Number of cached tallies.
 const KEPT: usize = 1 << 10;
 
-/// Tallies that were made last.
+/// Recently computed tallies.
 #[derive(Default)]
 pub(super) struct Tallies(Mutex<HashMap<Code, Arc<ZoneStats>>>);
 
 impl Mosaic {
-    /// The tally of a node; where files overlap in a large one, hidden cells may count.
+    /// Tally of a node. Where files overlap in a large node, hidden cells may count.
     ///
     /// # Errors
-    /// If a file is damaged there.
+    /// If a file is corrupt there.
     pub(super) fn tally_of(&self, code: Code) -> Result<Arc<ZoneStats>> {
         let kept = self.tallies.0.lock().unwrap_or_else(PoisonError::into_inner).get(&code).cloned();
         if let Some(tally) = kept {
@@ -48,10 +48,10 @@ impl Mosaic {
         Ok(tally)
     }
 
-    /// The tally of a node, if it can be told from those of files, or from a few cells.
+    /// Tally of a node, if it follows from those of the files, or from a few cells.
     ///
     /// # Errors
-    /// If a file is damaged there.
+    /// If a file is corrupt there.
     pub(super) fn exact_tally(&self, code: Code) -> Result<Option<ZoneStats>> {
         let cells = code.bounds(self.header.depth());
         let numbers = self.meeting(&cells);
@@ -79,7 +79,8 @@ impl Mosaic {
         Ok(Some(self.sum(&parts)))
     }
 
-    /// The tally of a large node in which files overlap. What a file has all cells of hides what is below; elsewhere both count.
+    /// Tally of a large node in which files overlap. A box in which a file has all cells hides the
+    /// files below it; otherwise both count.
     fn stacked_tally(&self, code: Code) -> Result<ZoneStats> {
         let cells = code.bounds(self.header.depth());
         let numbers = self.meeting(&cells);
@@ -89,8 +90,8 @@ impl Mosaic {
             let parts = parts.collect::<Result<Vec<_>>>()?;
             return Ok(self.sum(&parts.iter().map(|tally| (**tally).clone()).collect::<Vec<_>>()));
         }
-        // Invariant: boxes of `rest` do not overlap, and have all cells that no file above has hidden for certain: none is lost, though some that are hidden
-        // count where a box is kept whole.
+        // Invariant: boxes of `rest` do not overlap, and contain all cells that no file above
+        // certainly hides. No cell is lost, but some hidden ones count where a box is kept whole.
         let (mut rest, mut tallies) = (vec![cells], Vec::new());
         for number in numbers.into_iter().rev() {
             let mut open = Vec::with_capacity(rest.len());
@@ -112,7 +113,7 @@ impl Mosaic {
         Ok(self.sum(&tallies))
     }
 
-    /// The tally of a file's cells in a box.
+    /// Tally of a file's cells in a box.
     fn part_tally(&self, number: u32, cells: &Bounds) -> Result<ZoneStats> {
         let bounds = self.entry(number).bounds;
         let own = cells.intersect(&bounds).within(&bounds);
@@ -126,7 +127,7 @@ impl Mosaic {
         ZoneStats::merge(&tallies.iter().collect::<Vec<_>>())
     }
 
-    /// Whether boxes of some files have cells of a box in common.
+    /// Whether the boxes of some files intersect each other within a box.
     fn overlap(&self, numbers: &[u32], cells: &Bounds) -> bool {
         let part = |number: &u32| self.entry(*number).bounds.intersect(cells);
         numbers.iter().enumerate().any(|(at, number)| {
@@ -136,7 +137,7 @@ impl Mosaic {
     }
 }
 
-/// A box without another one inside of it: up to six boxes.
+/// A box minus a box inside of it: up to six boxes.
 fn without(mut rest: Bounds, hole: &Bounds) -> Vec<Bounds> {
     let mut parts = Vec::new();
     for axis in 0..3 {

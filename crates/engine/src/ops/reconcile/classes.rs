@@ -1,4 +1,4 @@
-//! Numbers of classes: what a number of one file means is another number in the other.
+//! Class numbers: a class may have different numbers in different files.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,15 +12,15 @@ use spinney_container::Metadata;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ClassMatching {
-    /// By name, where both have names; else by colour, where both have colours; else by number.
+    /// By name, if both files have names; else by colour, if both have colours; else by number.
     #[default]
     Name,
-    /// By number, whatever the names.
+    /// By number, regardless of names.
     Number,
 }
 
 impl ClassMatching {
-    /// The name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         ["name", "number"][self as usize]
     }
@@ -52,20 +52,21 @@ pub(super) struct Classes {
     numbers: BTreeSet<Number>,
 }
 
-/// A class with another number than in its file.
+/// Class with another number than in its file.
 pub(super) struct Renumbered {
     pub(super) from: Number,
     pub(super) to: Number,
 }
 
 impl Classes {
-    /// The classes of a file, and the numbers that its cells have.
+    /// Classes of a file, and the numbers that its cells have.
     pub(super) fn of(metadata: &Metadata, present: &[Number]) -> Classes {
         let numbers = metadata.class_names.keys().copied().chain(present.iter().copied()).collect();
         Classes { names: metadata.class_names.clone(), palette: metadata.palette.clone(), numbers }
     }
 
-    /// Whether matching the classes of another file can change a number, so that the numbers of its cells must be known.
+    /// Whether matching the classes of another file can change a number, so that the numbers of its
+    /// cells must be known.
     pub(super) fn may_differ(&self, other: &Metadata) -> bool {
         let names = &other.class_names;
         let has_other_names = !self.names.is_empty() && !names.is_empty() && *names != self.names;
@@ -73,7 +74,8 @@ impl Classes {
         has_other_names || palettes.is_some_and(|(here, there)| here != there)
     }
 
-    /// Adds the classes of another file, of which cells have the numbers `present`; returns those that get another number.
+    /// Adds the classes of another file, whose cells have the numbers `present`; returns those that
+    /// get another number.
     pub(super) fn add(
         &mut self,
         other: &Metadata,
@@ -85,7 +87,7 @@ impl Classes {
         let mut numbers: BTreeSet<Number> = present.iter().copied().collect();
         numbers.extend(other.class_names.keys().copied());
         let mut renumbered = Vec::new();
-        // (Those that stay take their numbers first.)
+        // (Classes that keep their numbers take these first.)
         let mut moved = Vec::new();
         for number in numbers {
             let name = other.class_names.get(&number);
@@ -111,7 +113,7 @@ impl Classes {
         renumbered
     }
 
-    /// The number here of another file's class; `None` if it needs a new one.
+    /// Number of another file's class in this list; `None` if it needs a new one.
     fn number_of(
         &self,
         other: &Metadata,
@@ -146,12 +148,12 @@ impl Classes {
         }
     }
 
-    /// The least integer from 1 on that no class has.
+    /// Smallest positive integer that no class has.
     fn free(&self) -> Number {
         (1u64..).map(Number::Unsigned).find(|number| !self.numbers.contains(number)).unwrap_or_default()
     }
 
-    /// Adds a class, with a name and a colour if it has none.
+    /// Adds a class; sets its name if it has none, and its colour if it is new.
     fn describe(&mut self, number: Number, name: Option<&String>, colour: Option<[u8; 4]>) {
         let is_new = self.numbers.insert(number);
         if let Some(name) = name {
@@ -168,7 +170,7 @@ impl Classes {
     }
 }
 
-/// The colour of a number; none where the palette has no entry, or one that is all zeros.
+/// Colour of a number; `None` if the palette has no entry, or one that is all zeros.
 fn colour(palette: Option<&Palette>, number: Number) -> Option<[u8; 4]> {
     let index = usize::try_from(number.to_integer()?).ok()?;
     palette?.colours.get(index).copied().filter(|colour| *colour != [0; 4])

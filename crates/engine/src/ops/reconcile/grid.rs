@@ -1,4 +1,4 @@
-//! The grid that operands of one operation are brought to: the first's cells, over the requested part of the world.
+//! Common grid of an operation's operands: the first one's cells, over the requested extent.
 
 use std::fmt;
 use std::str::FromStr;
@@ -15,29 +15,29 @@ use spinney_base::{Error, Result};
 use spinney_container::{Tag, Unit};
 use spinney_crs::{Crs, Frame};
 
-/// The part of the world that a result covers, on the first operand's cells.
+/// Region of the world that a result covers, on the first operand's cells.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum OutputExtent {
-    /// The first operand's extent.
+    /// Extent of the first operand.
     A,
-    /// The extent of the others.
+    /// Extent of the others.
     B,
-    /// The extents of all.
+    /// Extents of all.
     #[default]
     Union,
-    /// The part that all extents share.
+    /// Intersection of all extents.
     Intersection,
 }
 
 impl OutputExtent {
-    /// All of them.
+    /// All choices.
     pub const ALL: [OutputExtent; 4] = {
         use OutputExtent::*;
         [A, B, Union, Intersection]
     };
 
-    /// The name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         ["a", "b", "union", "intersection"][self as usize]
     }
@@ -59,39 +59,40 @@ impl FromStr for OutputExtent {
     }
 }
 
-/// Positions agree if they differ by less than this, in cells: frames of one grid differ by rounding (degrees with six decimals, origins
-/// with centimetres), which no cell of a result should show.
+/// Tolerance of positions, in cells: frames of one grid differ by rounding (degrees with six
+/// decimals, origins in centimetres), which must not be visible in a result's cells.
 const CLOSE: f64 = 1e-3;
 
-/// A box of cells: where it begins, and where it ends.
+/// Box of cells: start and end.
 type CellBox = (DVec3, DVec3);
 
-/// The way of an operand to the grid.
+/// How an operand is mapped to the grid.
 #[derive(Clone, Debug)]
 enum CellMapping {
-    /// By a map from its cells to those of the first operand, which takes cells to whole blocks of cells, or whole blocks to cells, or
-    /// neither.
+    /// By an affine map from its cells to those of the first operand. If `is_nested`, it maps cells
+    /// to whole blocks of cells, or whole blocks to cells.
     Affine { map: AffineMap, is_nested: bool },
-    /// By the warper: from another coordinate system, or round the world. Cells are copied where they lie on cells.
+    /// By the warper: from another coordinate system, or around the world. If `copies`, cells
+    /// coincide and are copied.
     Warp { copies: bool },
 }
 
-/// The first operand's cells over a part of the world, and where the operands lie in it.
+/// The first operand's cells over a region of the world, and the positions of all operands in it.
 #[derive(Clone, Debug)]
 pub(in crate::ops) struct CommonGrid {
     pub(in crate::ops) frame: Frame,
     pub(in crate::ops) extent: [u64; 3],
-    /// The first operand's cell that is the grid's first.
+    /// Cell of the first operand that is the grid's first.
     origin: DVec3,
     mappings: Vec<CellMapping>,
-    /// The boxes of cells of the first operand in which all of them lie.
+    /// Boxes of all operands, in cells of the first one.
     boxes: Vec<CellBox>,
 }
 
-/// The grid on which a raster is like another one: the other's cells, over the extents of both.
+/// Grid that aligns a raster with another one: the other's cells, over the extents of both.
 ///
 /// # Errors
-/// If one has no coordinate system and the other has, or the two lie too far apart for one tree.
+/// If only one of them has a coordinate system, or they are too far apart for one tree.
 pub fn grid_like(
     (name, other): (&str, &WarpGrid),
     (own_name, own): (&str, &WarpGrid),
@@ -106,34 +107,35 @@ pub fn grid_like(
     Ok(grid.warp_grid())
 }
 
-/// Where the second of two operands lies.
+/// Position of the second of two operands.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(in crate::ops) enum Position {
-    /// Where its frame says.
+    /// Given by its frame.
     #[default]
     World,
-    /// With its first cell at this one of the first operand.
+    /// Its first cell is at this cell of the first operand.
     Cell([i64; 3]),
 }
 
-/// An operand's cells in the world.
+/// Cells of an operand in the world.
 pub(in crate::ops) struct Located<'a> {
-    /// Its name, for messages.
+    /// Name, for messages.
     pub(in crate::ops) name: &'a str,
     pub(in crate::ops) frame: Frame,
     pub(in crate::ops) extent: [u64; 3],
-    /// Those of its cells that the grid is to cover.
+    /// Cells that the grid has to cover.
     pub(in crate::ops) data: Bounds,
-    /// Metres of the world's unit of length, where it is known without a coordinate system.
+    /// Metres per unit of length, if known without a coordinate system.
     pub(in crate::ops) metres: Option<f64>,
-    /// Whether cells are coverage, so that the least part of a cell counts.
+    /// Whether cells store coverage, so that any fraction of a cell counts.
     pub(in crate::ops) is_coverage: bool,
-    /// Whether datums may be taken for WGS 84.
+    /// Whether datums may be treated as WGS 84.
     pub(in crate::ops) allow_ballpark: bool,
 }
 
 impl<'a> Located<'a> {
-    /// All cells of an extent, which are not coverage; `unit` is the tree's unit of length, if it has one.
+    /// All cells of an extent, which are not coverage; `unit` is the tree's unit of length, if it
+    /// has one.
     pub(in crate::ops) fn new(
         name: &'a str,
         frame: Frame,
@@ -145,7 +147,7 @@ impl<'a> Located<'a> {
         Located { name, frame, extent, data, metres, is_coverage: false, allow_ballpark: false }
     }
 
-    /// The cells of a view.
+    /// Cells of a view.
     pub(in crate::ops) fn of(name: &'a str, view: &View) -> Located<'a> {
         let unit = view.source().metadata().tag(Tag::Unit);
         Located {
@@ -157,10 +159,11 @@ impl<'a> Located<'a> {
 }
 
 impl CommonGrid {
-    /// The grid for the cells of some operands, of which there must be one at least.
+    /// Grid for the cells of at least one operand.
     ///
     /// # Errors
-    /// If a coordinate system is unknown that has to be known, a motion has no inverse, or the result is larger than a tree.
+    /// If a required coordinate system is unknown, a map is not invertible, or the result exceeds
+    /// the maximum size of trees.
     pub(in crate::ops) fn of(
         operands: &[Located<'_>],
         dimension: Dimension,
@@ -238,14 +241,15 @@ impl CommonGrid {
         self.origin == DVec3::ZERO && self.extent == extent
     }
 
-    /// The first cell of an operand in the grid, if its cells are cells of the grid, in its directions.
+    /// Grid position of an operand's first cell, if its cells coincide with the grid's, in the same
+    /// directions.
     pub(in crate::ops) fn shift(&self, number: usize) -> Option<[i64; 3]> {
         let CellMapping::Affine { map, is_nested: true } = &self.mappings[number] else { return None };
         let first = map.to_rows().map(|row| row[3]);
         map.is_translation().then(|| std::array::from_fn(|axis| (first[axis] - self.origin[axis]) as i64))
     }
 
-    /// The cells of the grid in which an operand's cells lie, as far as they are in it.
+    /// Box of grid cells that an operand covers, clipped to the grid.
     pub(in crate::ops) fn box_of(&self, number: usize) -> Bounds {
         let (low, high) = self.boxes[number];
         let end = cells(self.extent);
@@ -254,7 +258,8 @@ impl CommonGrid {
         Bounds { min: cell(low), max: cell(high) }
     }
 
-    /// A line about an operand that is resampled; nothing if its cells are cells of the grid, or whole blocks of these.
+    /// Message about an operand that is resampled; `None` if its cells are cells of the grid, or
+    /// whole blocks of these.
     pub(in crate::ops) fn resampled(&self, number: usize, view: &View) -> Option<String> {
         let frame = view.frame(false);
         let crs = |frame: &Frame| frame.crs.as_ref().map_or("no coordinate system".into(), Crs::to_string);
@@ -287,7 +292,7 @@ impl CommonGrid {
         WarpGrid { frame: self.frame.clone(), extent: self.extent }
     }
 
-    /// A view of an operand on the grid.
+    /// View of an operand on the grid.
     ///
     /// # Errors
     /// Those of [`View::onto`] and [`View::warped`].
@@ -298,7 +303,7 @@ impl CommonGrid {
             }
             CellMapping::Affine { map, is_nested } => {
                 let to_grid = map.then(&AffineMap::translation((-self.origin).to_array()));
-                // (Whole blocks are copied whatever the way.)
+                // (Whole blocks are copied, regardless of the resampling.)
                 if *is_nested && map.determinant().abs() >= 1.0 {
                     return view.onto(&to_grid, self.extent);
                 }
@@ -311,7 +316,8 @@ impl CommonGrid {
                     Rule::Nearest => Some(Resampling::Nearest),
                     Rule::Min | Rule::Max | Rule::Dominant | Rule::Occupancy => None,
                 };
-                // The warper does the same block by block, much faster, and with areas of cells that lie askew, too.
+                // The warper does the same block by block, much faster, and also averages areas of
+                // cells that are not axis-aligned.
                 let is_planar = view.form().dimension == Dimension::Quad;
                 let is_possible = is_planar && !is_nested && view.has_its_cells();
                 if let Some(way) = way.filter(|way| is_possible && way.fits(view.source().header().kind)) {
@@ -328,7 +334,7 @@ impl CommonGrid {
     }
 }
 
-/// Fails if the systems of two trees differ, or one of them alone is known.
+/// Fails if the systems of two trees differ, or only one of them is known.
 fn check_systems((first, own): (&str, Option<&Crs>), (second, other): (&str, Option<&Crs>)) -> Result<()> {
     let (known, known_name, unknown) = match (own, other) {
         (None, None) => return Ok(()),
@@ -353,15 +359,15 @@ fn check_systems((first, own): (&str, Option<&Crs>), (second, other): (&str, Opt
     Err(Error::invalid(format!("coordinate system of {unknown}"), "none", expected))
 }
 
-/// How a box comes to lie next to another one, once round the world or not.
+/// How a box is placed next to another one, around the world or not.
 enum Turned {
-    /// It is moved by so many cells.
+    /// It is moved by a number of cells.
     Moved(f64),
-    /// The two go all round the world, over these columns.
+    /// Both together span the whole world, over these columns.
     Whole((f64, f64)),
 }
 
-/// Brings a box, whose columns come again after so many, to where it is next to the first's.
+/// Moves a box with periodic columns next to the first one.
 fn around_the_world(own: &CellBox, other: &CellBox, turn: f64) -> Turned {
     let middle = |(low, high): &CellBox| (low.x + high.x) / 2.0;
     let by = ((middle(own) - middle(other)) / turn).round() * turn;
@@ -373,10 +379,12 @@ fn around_the_world(own: &CellBox, other: &CellBox, turn: f64) -> Turned {
     Turned::Whole((own.0.x, own.0.x + turn))
 }
 
-/// The cells of which a box covers half along each axis, or any part: one at least.
+/// Cells of which a box covers at least half along each axis, or any fraction if `any_part`; at
+/// least one.
 ///
-/// Half a cell is what resampling gives a value to, so that a border cell that the box hardly touches is not added as VOID. Coverage is a
-/// share of a cell: the least part of a body is kept.
+/// Resampling gives a cell a value if half of it is covered, so a border cell that the box hardly
+/// touches is not added as VOID. Coverage is a fraction of a cell: even a small part of a solid is
+/// kept.
 fn whole_cells((low, high): CellBox, any_part: bool) -> CellBox {
     let outer = ((low + CLOSE).floor(), (high - CLOSE).ceil());
     if any_part {
@@ -412,12 +420,12 @@ fn is_upright(frame: &Frame) -> bool {
     frame.matrix[0][1] == 0.0 && frame.matrix[1][0] == 0.0
 }
 
-/// The frame without what it says of heights, which mean nothing to quadtrees.
+/// The frame without heights, which have no meaning in quadtrees.
 fn planar(frame: Frame, axes: usize) -> Frame {
     if axes > 2 { frame } else { Frame { matrix: Frame::planar(frame.affine()).matrix, ..frame } }
 }
 
-/// The map that makes lengths in the unit of the first operand's world of those in the second's, where both are known.
+/// Map from lengths in the unit of the second operand to those of the first, if both are known.
 fn length_map(first: &Located<'_>, second: &Located<'_>) -> AffineMap {
     match (first.metres, second.metres) {
         (Some(here), Some(there)) if here != there => AffineMap::scaling([there / here; 3]),
@@ -425,11 +433,13 @@ fn length_map(first: &Located<'_>, second: &Located<'_>) -> AffineMap {
     }
 }
 
-/// The map without rounding errors, and whether it takes whole cells to whole blocks of cells, or whole blocks of cells to cells.
+/// Removes rounding errors from a map. Also returns whether it maps whole cells to whole blocks of
+/// cells, or whole blocks to cells.
 ///
-/// Invariant of nested maps: every factor is exactly 0 or a power of two with its sign, one in each row and column, all of them at least 1
-/// or all at most 1; the first cell is exactly at a whole cell, or of smaller cells at a whole one of theirs. So `bring` copies nodes without
-/// arithmetic on their values, and `shift` has exact integers.
+/// Invariant of nested maps: every factor is exactly 0 or a signed power of two, one in each row
+/// and column, all of magnitude at least 1 or all at most 1. The first cell is exactly at a whole
+/// cell; if cells are smaller, at a multiple of their size. So `bring` copies nodes without
+/// arithmetic on their values, and `shift` returns exact integers.
 fn cleaned(map: &AffineMap, extent: [u64; 3]) -> (AffineMap, bool) {
     let mut rows = map.to_rows();
     let most = extent.into_iter().max().unwrap_or(1) as f64;
@@ -438,7 +448,7 @@ fn cleaned(map: &AffineMap, extent: [u64; 3]) -> (AffineMap, bool) {
         let mut factor = 1.0;
         for number in &mut row[..3] {
             let power = 2f64.powi(number.abs().log2().round().clamp(-60.0, 60.0) as i32).copysign(*number);
-            // (What a factor is off adds up over all cells.)
+            // (The error of a factor adds up over all cells.)
             if number.abs() * most < CLOSE {
                 *number = 0.0;
             } else if (*number - power).abs() * most < CLOSE {
@@ -448,7 +458,7 @@ fn cleaned(map: &AffineMap, extent: [u64; 3]) -> (AffineMap, bool) {
                 is_nested = false;
             }
         }
-        // (Smaller cells begin where one of the larger does.)
+        // (Smaller cells are aligned with multiples of their size.)
         let whole = (row[3] / factor).round() * factor;
         if (row[3] - whole).abs() > CLOSE * factor {
             is_nested = false;
@@ -458,7 +468,7 @@ fn cleaned(map: &AffineMap, extent: [u64; 3]) -> (AffineMap, bool) {
     }
     let cleaned = AffineMap::from_rows(rows);
     let is_nested = is_nested && cleaned.keeps_axes() && cleaned.inverse().is_ok();
-    // (Blocks along one axis and parts of cells along another are resampled.)
+    // (Blocks along one axis and fractions of cells along another are resampled.)
     let sizes = rows.map(|row| row[..3].iter().fold(0.0, |size: f64, number| size.max(number.abs())));
     let is_nested =
         is_nested && (sizes.iter().all(|size| *size >= 1.0) || sizes.iter().all(|size| *size <= 1.0));

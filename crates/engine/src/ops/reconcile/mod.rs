@@ -1,7 +1,9 @@
-//! The one place that brings operands of an operation to the first: coordinate system, grid and extent, type, scale and unit, classes.
+//! Converts the operands of an operation to the first one: coordinate system, grid and extent,
+//! type, scale and unit, classes.
 //!
-//! Every operation on several files has its operands from here, so that all of them mean the same by the same number and the same cell.
-//! What is converted is a line of a table ([`Conversion`]); what would be lost is an error that names the way out.
+//! Every operation on several files gets its operands from here, so that the same number and the
+//! same cell mean the same in all of them. Conversions are reported as lines of a table
+//! ([`Conversion`]). A conversion that would lose information is an error that names a solution.
 
 mod classes;
 mod grid;
@@ -29,28 +31,28 @@ pub use grid::{OutputExtent, grid_like};
 pub(super) use values::Scale;
 use values::{ValueSpace, Valued};
 
-/// Options for bringing operands to the first.
+/// Options for converting operands to the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ReconcileOptions {
-    /// The part of the world that the result covers.
+    /// Region of the world that the result covers.
     pub extent: OutputExtent,
     /// How classes are matched.
     pub classes: ClassMatching,
-    /// Takes numbers as they are stored, whatever their scales, offsets and units.
+    /// Uses stored numbers, regardless of scales, offsets and units.
     pub units_by_number: bool,
-    /// Rounds numbers that the first operand's type cannot hold, where that type is fixed.
+    /// Rounds numbers that the first operand's type cannot hold, if that type is fixed.
     pub round: bool,
 }
 
-/// A report of one conversion of an operand.
+/// Report of one conversion of an operand.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Conversion {
-    /// The operand's name: its path.
+    /// Name of the operand: its path.
     pub operand: String,
-    /// The converted property: `grid`, `type`, `scale` (with the unit), `classes` or `kind`.
+    /// Converted property: `grid`, `type`, `scale` (with the unit), `classes` or `kind`.
     pub what: &'static str,
-    /// A description of the conversion: from what to what.
+    /// Description of the conversion: from what to what.
     pub text: String,
 }
 
@@ -60,12 +62,12 @@ impl fmt::Display for Conversion {
     }
 }
 
-/// The part of an operand that an operation needs.
+/// What an operation needs of an operand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Needs {
-    /// Its values, as values of the result.
+    /// Its values, converted to values of the result.
     Values,
-    /// Its values by themselves, with classes numbered as the first's.
+    /// Its own values, with classes numbered as in the first operand.
     OwnValues,
     /// Which of its cells are present.
     Presence,
@@ -77,14 +79,14 @@ pub(super) struct Reconciled {
     pub(super) views: Vec<View>,
     /// The grid.
     pub(super) grid: CommonGrid,
-    /// The meaning of values.
+    /// Meaning of the values.
     pub(super) description: Description,
-    /// The conversions, operand by operand.
+    /// Conversions, operand by operand.
     pub(super) conversions: Vec<Conversion>,
 }
 
 impl Reconciled {
-    /// Warns of operands that were resampled.
+    /// Warns about operands that were resampled.
     pub(super) fn warn_resampled(&self, progress: &dyn Progress) {
         for conversion in self.conversions.iter().filter(|conversion| conversion.what == "grid") {
             progress.warn(Path::new(&conversion.operand), &conversion.text);
@@ -92,19 +94,19 @@ impl Reconciled {
     }
 }
 
-/// The meaning of a result's values.
+/// Meaning of a result's values.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Description {
-    /// The number of the operand whose header and metadata describe the values.
+    /// Index of the operand whose header and metadata describe the values.
     pub(super) operand: usize,
     space: Option<ValueSpace>,
     classes: Option<Classes>,
-    /// Whether categorical and continuous values are joined, so that all are continuous.
+    /// Whether categorical and continuous values are combined, so that all are continuous.
     is_continuous: bool,
 }
 
 impl Description {
-    /// The header of the result, of that of the [operand](Description::operand).
+    /// Header of the result, from that of the [operand](Description::operand).
     pub(super) fn header(&self, header: &Header) -> Header {
         let mut header = header.clone();
         if self.is_continuous {
@@ -113,7 +115,8 @@ impl Description {
         header
     }
 
-    /// Writes into metadata of the [operand](Description::operand) what is new: names and colours of classes, scale, offset and units.
+    /// Updates metadata of the [operand](Description::operand): names and colours of classes,
+    /// scale, offset and units.
     pub(super) fn describe(&self, metadata: &mut Metadata) {
         if let Some(space) = &self.space {
             space.describe(metadata);
@@ -129,19 +132,19 @@ impl Description {
     }
 }
 
-/// The first operand, as others are brought to it.
+/// How operands are converted to the first one.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Target {
-    /// Whether its type stays as it is, as that of a file that is edited does.
+    /// Whether the first operand's type is fixed, as for a file that is edited.
     pub(super) is_fixed: bool,
-    /// Where the second operand lies.
+    /// Position of the second operand.
     pub(super) position: Position,
 }
 
-/// Brings operands to the first: its grid, and values of one meaning.
+/// Converts operands to the first one's grid, and to values of one meaning.
 ///
 /// # Errors
-/// If an operand cannot be brought there, or something would be lost.
+/// If an operand cannot be converted, or information would be lost.
 pub(super) fn reconcile(
     operands: Vec<(String, View)>,
     needs: &dyn Fn(usize) -> Needs,
@@ -173,7 +176,8 @@ pub(super) fn reconcile(
     if let Some(space) = &space {
         space.describe(&mut described);
     }
-    // Deeper than needed if a tree of the grid's cells is: what it has stored fits as it is.
+    // Deeper than needed if a tree with the grid's cells is: its stored subtrees can then be
+    // reused.
     let on_cells = operands.iter().enumerate().filter(|(number, _)| grid.shift(*number).is_some());
     let deepest = on_cells.map(|(_, (_, view))| view.depth()).max().unwrap_or(0);
     let mut views = Vec::with_capacity(operands.len());
@@ -228,7 +232,7 @@ pub(super) fn reconcile(
     Ok(Reconciled { views, grid, description, conversions })
 }
 
-/// The dimension of all operands, of which there must be one at least.
+/// Dimension of all operands, of which there must be at least one.
 fn common_dimension(operands: &[(String, View)]) -> Result<Dimension> {
     let Some((first_name, first)) = operands.first() else {
         return Err(Error::invalid("files", "none", "at least one"));
@@ -243,7 +247,8 @@ fn common_dimension(operands: &[(String, View)]) -> Result<Dimension> {
     }
 }
 
-/// Matches the classes of operands with those of the operand that describes the result; for each operand the classes that get another number.
+/// Matches the classes of operands with those of the operand that describes the result. Returns,
+/// for each operand, the classes that get another number.
 fn match_classes(
     operands: &[(String, View)],
     described_by: usize,
@@ -264,7 +269,7 @@ fn match_classes(
     let is_by_name = options.classes == ClassMatching::Name;
     let own = Classes::of(metadata(described_by), &[]);
     let differs = is_by_name && with_classes[1..].iter().any(|number| own.may_differ(metadata(*number)));
-    // (Numbers that cells have matter only where one may get another.)
+    // (The numbers of cells matter only if some may change.)
     let present = |number: usize| if differs { present_numbers(&operands[number].1) } else { Ok(Vec::new()) };
     let mut classes = Classes::of(metadata(described_by), &present(described_by)?);
     for number in &with_classes[1..] {
@@ -273,14 +278,14 @@ fn match_classes(
     Ok((Some(classes), renumbered))
 }
 
-/// Whether some operands of which values are needed are categorical, and others continuous.
+/// Whether some operands whose values are needed are categorical, and others continuous.
 fn mixes_kinds(valued: &[Valued<'_>]) -> bool {
     let mut kinds = valued.iter().map(|operand| operand.view.source().header().kind);
     let first = kinds.next();
     kinds.any(|kind| Some(kind) != first)
 }
 
-/// The numbers that cells of a view's source have.
+/// Numbers of the cells in a view's source.
 fn present_numbers(view: &View) -> Result<Vec<Number>> {
     let source = view.source();
     let picture = source.header().picture();
@@ -291,7 +296,7 @@ fn present_numbers(view: &View) -> Result<Vec<Number>> {
     Ok(statistics.classes.into_iter().map(|(number, _)| number).collect())
 }
 
-/// A type that holds the new numbers of classes.
+/// Type that holds the new numbers of classes.
 fn wide_enough(value: ValueType, renumbered: &[Renumbered]) -> ValueType {
     let fits = |sample: SampleType| renumbered.iter().all(|class| sample.can_hold(class.to));
     let candidates = [value.sample, SampleType::U16, SampleType::I32, SampleType::I64, SampleType::U64];
@@ -299,7 +304,8 @@ fn wide_enough(value: ValueType, renumbered: &[Renumbered]) -> ValueType {
     ValueType { sample, ..value }
 }
 
-/// The map of the first channel whose numbers change, as text, with the units on both sides where they differ.
+/// Describes the map of the first channel whose numbers change, with the units on both sides if
+/// they differ.
 fn scaled(maps: &[(f64, f64)], from: &[String], to: &[String]) -> Option<String> {
     let channel = maps.iter().position(|map| *map != (1.0, 0.0))?;
     let (factor, summand) = maps[channel];
@@ -310,7 +316,7 @@ fn scaled(maps: &[(f64, f64)], from: &[String], to: &[String]) -> Option<String>
     Some(format!("numbers times {factor}{summand}{units}"))
 }
 
-/// Classes that get other numbers, as text: at most ten.
+/// Lists classes that get other numbers: at most ten.
 fn list(renumbered: &[Renumbered], metadata: &Metadata) -> String {
     let show = |class: &Renumbered| {
         let name = metadata.class_names.get(&class.from).map_or(String::new(), |name| format!("{name} "));

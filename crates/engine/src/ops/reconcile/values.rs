@@ -1,4 +1,4 @@
-//! The values that operands are brought to: one type, scale and unit for all.
+//! Common value space of operands: one type, scale and unit for all.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use spinney_base::value::{Mask, Number, SampleType, ValueType};
 use spinney_base::{Error, Result};
 use spinney_container::{Metadata, Unit};
 
-/// The meaning of numbers of a channel: number * factor + summand, in a unit.
+/// Meaning of a channel's numbers: number * factor + summand, in a unit.
 #[derive(Clone, Debug, PartialEq)]
 pub(in crate::ops) struct Scale {
     factor: f64,
@@ -20,12 +20,12 @@ pub(in crate::ops) struct Scale {
 }
 
 impl Scale {
-    /// The number alone, in a unit.
+    /// Unscaled numbers in a unit.
     fn plain(unit: &str) -> Scale {
         Scale { factor: 1.0, summand: 0.0, unit: unit.into() }
     }
 
-    /// The scale of a channel.
+    /// Scale of a channel.
     pub(in crate::ops) fn of(metadata: &Metadata, channel: usize) -> Scale {
         let (factor, summand) = metadata.scale_offset.get(channel).copied().unwrap_or((1.0, 0.0));
         Scale { factor, summand, unit: metadata.units.get(channel).cloned().unwrap_or_default() }
@@ -36,15 +36,15 @@ impl Scale {
         (self.factor, self.summand)
     }
 
-    /// Factor and summand from stored numbers to their meaning in the unit of another scale; `None` if the units are not those of one
-    /// quantity.
+    /// Factor and summand from stored numbers to their meaning in the unit of another scale; `None`
+    /// if the units measure different quantities.
     pub(in crate::ops) fn to_unit_of(&self, other: &Scale) -> Option<(f64, f64)> {
         let (factor, summand) = converted(&other.unit, &self.unit)?;
         Some((self.factor * factor, self.summand * factor + summand))
     }
 }
 
-/// The type of values, and their scales.
+/// Type of values, and their scales.
 #[derive(Clone, Debug)]
 pub(super) struct ValueSpace {
     pub(super) value: ValueType,
@@ -66,18 +66,18 @@ impl ValueSpace {
     }
 }
 
-/// An operand whose values are needed.
+/// Operand whose values are needed.
 pub(super) struct Valued<'a> {
-    /// Its number among all operands.
+    /// Index among all operands.
     number: usize,
     name: &'a str,
     pub(super) view: &'a View,
-    /// The largest number that its classes get, if some get another one.
+    /// Maximum new number of its classes, if some get another number.
     classes_to: Option<f64>,
 }
 
 impl<'a> Valued<'a> {
-    /// An operand, of which some classes get other numbers.
+    /// Operand, some of whose classes may get other numbers.
     pub(super) fn of(number: usize, (name, view): &'a (String, View), classes: &[Renumbered]) -> Valued<'a> {
         let classes_to = classes.iter().map(|class| class.to.to_f64()).reduce(f64::max);
         Valued { number, name, view, classes_to }
@@ -95,7 +95,7 @@ impl<'a> Valued<'a> {
         Scale::of(self.metadata(), channel)
     }
 
-    /// Minimum and maximum of all channels after a map; nothing if there are no cells.
+    /// Minimum and maximum of all channels after a map; `None` if there are no cells.
     fn range(&self, map: &Maps) -> Result<Option<(f64, f64)>> {
         let totals = self.view.source().totals(None)?;
         let channels = totals.channels.iter().zip(map).filter(|(channel, _)| channel.cells > 0);
@@ -112,13 +112,14 @@ impl<'a> Valued<'a> {
 /// Factor and summand of each channel.
 type Maps = [(f64, f64); 4];
 
-/// The maps that change nothing.
+/// Identity maps.
 const PLAIN: Maps = [(1.0, 0.0); 4];
 
-/// The smallest space that has the values of all operands, and the maps of those whose values change, by the operand's number.
+/// Smallest space that contains the values of all operands, and the maps of those operands whose
+/// values change, by operand index.
 ///
 /// # Errors
-/// If numbers would be lost, units measure different things, or numbers of channels differ.
+/// If numbers would be lost, units measure different quantities, or numbers of channels differ.
 pub(super) fn common(
     operands: &[Valued<'_>],
     options: &ReconcileOptions,
@@ -140,7 +141,8 @@ pub(super) fn common(
         }
         false if all_integers && are_whole => integer(operands, &maps, channels)?,
         false if all_integers => {
-            // What the first's scale cannot say is said in plain numbers of its unit.
+            // If the first operand's scale cannot express all values, unscaled numbers of its unit
+            // can.
             scales = scales.iter().map(|scale| Scale::plain(&scale.unit)).collect();
             maps = self::maps(operands, &scales, options);
             floating(operands, channels)?
@@ -159,7 +161,7 @@ pub(super) fn common(
     Ok((ValueSpace { value, scales }, maps.flatten().collect()))
 }
 
-/// The number of channels of the result: all have as many, but for opacity.
+/// Number of channels of the result: all operands must have the same number, except for opacity.
 fn channels(operands: &[Valued<'_>], is_fixed: bool) -> Result<u8> {
     let has_alpha = |operand: &Valued<'_>| {
         let channels = operand.value().channels;
@@ -188,7 +190,8 @@ fn channels(operands: &[Valued<'_>], is_fixed: bool) -> Result<u8> {
     Ok(if is_fixed { first.value().channels } else { most })
 }
 
-/// The step that makes so many channels of values: the first ones, the last of these again where there are fewer.
+/// Operation that gives values `wanted` channels: the first ones, repeating the last if there are
+/// fewer.
 fn channels_step(value: ValueType, wanted: u8) -> String {
     let channel = |number: u8| format!("b{}", number.min(value.channels));
     match wanted {
@@ -197,7 +200,7 @@ fn channels_step(value: ValueType, wanted: u8) -> String {
     }
 }
 
-/// Which samples count in the result: with opacity if one has it.
+/// Which samples count in the result: with opacity if one operand has it.
 fn mask(operands: &[Valued<'_>], channels: u8) -> Mask {
     let first = operands[0].value();
     let has_alpha = operands.iter().any(|operand| operand.value().mask == Mask::Alpha);
@@ -208,7 +211,7 @@ fn own_scales(operand: &Valued<'_>, channels: u8) -> Vec<Scale> {
     (0..usize::from(channels)).map(|channel| operand.scale(channel)).collect()
 }
 
-/// The first's scales, in its units, or in those of another where it has none.
+/// Scales of the first operand, in its units, or in those of another operand if it has none.
 fn units(operands: &[Valued<'_>], channels: u8) -> Result<Vec<Scale>> {
     let mut scales = own_scales(&operands[0], channels);
     for (channel, scale) in scales.iter_mut().enumerate() {
@@ -228,7 +231,7 @@ fn units(operands: &[Valued<'_>], channels: u8) -> Result<Vec<Scale>> {
     Ok(scales)
 }
 
-/// Factor and summand from a unit to another, by their names; `None` if that is not known.
+/// Factor and summand from a unit to another, by their names; `None` if unknown.
 fn converted(to: &str, from: &str) -> Option<(f64, f64)> {
     if to.is_empty() || from.is_empty() || to.eq_ignore_ascii_case(from) {
         return Some((1.0, 0.0));
@@ -236,7 +239,7 @@ fn converted(to: &str, from: &str) -> Option<(f64, f64)> {
     Unit::parse(to)?.from(Unit::parse(from)?)
 }
 
-/// The maps of numbers of all operands to those of some scales.
+/// Maps from the numbers of all operands to those of some scales.
 fn maps(operands: &[Valued<'_>], scales: &[Scale], options: &ReconcileOptions) -> Vec<Maps> {
     let map = |operand: &Valued<'_>| {
         let mut maps = PLAIN;
@@ -245,7 +248,7 @@ fn maps(operands: &[Valued<'_>], scales: &[Scale], options: &ReconcileOptions) -
         }
         for (channel, (map, to)) in maps.iter_mut().zip(scales).enumerate() {
             let from = operand.scale(channel);
-            // (Units that cannot be converted were refused.)
+            // (Units that cannot be converted were rejected.)
             let (factor, summand) = converted(&to.unit, &from.unit).unwrap_or((1.0, 0.0));
             let by = from.factor * factor / to.factor;
             let plus = (from.summand * factor + summand - to.summand) / to.factor;
@@ -256,11 +259,12 @@ fn maps(operands: &[Valued<'_>], scales: &[Scale], options: &ReconcileOptions) -
     operands.iter().map(map).collect()
 }
 
-/// A quotient of scales that is as close to a whole number as this, relative to it, is that number: scales are decimal fractions
-/// (0.3 / 0.1 is 2.9999999999999996), whose quotients are off by a few times 2^-53, and have fewer digits than nine.
+/// Relative tolerance within which a quotient of scales is rounded to an integer. Scales are
+/// decimal fractions (0.3 / 0.1 is 2.9999999999999996), whose quotients are off by a few times
+/// 2^-53, and have fewer digits than nine.
 const DECIMAL_ROUNDING: f64 = 1e-9;
 
-/// A number, or the whole one that it is but for [rounding](DECIMAL_ROUNDING).
+/// Rounds a number that is an integer except for [rounding errors](DECIMAL_ROUNDING).
 fn near_whole(number: f64) -> f64 {
     let whole = number.round();
     if (number - whole).abs() <= DECIMAL_ROUNDING * whole.abs().max(1.0) { whole } else { number }
@@ -270,7 +274,7 @@ fn is_whole((factor, summand): &(f64, f64)) -> bool {
     *factor == factor.trunc() && *summand == summand.trunc()
 }
 
-/// The smallest type of floating numbers that has the values of all.
+/// Smallest floating-point type that holds the values of all operands.
 fn floating(operands: &[Valued<'_>], channels: u8) -> Result<SampleType> {
     let needs_f64 = |operand: &&Valued<'_>| {
         let sample = operand.value().sample;
@@ -278,7 +282,7 @@ fn floating(operands: &[Valued<'_>], channels: u8) -> Result<SampleType> {
     };
     let Some(wide) = operands.iter().find(needs_f64) else { return Ok(SampleType::F32) };
     for operand in operands.iter().filter(|operand| operand.value().sample.is_wide_integer()) {
-        // (What numbers there are decides where the type alone does not.)
+        // (The actual numbers decide if the type alone does not.)
         if !within(operand, &PLAIN, (1u64 << 53) as f64)? {
             return Err(loss(operand, "f64, which cannot hold all of its numbers", "calc=b1,type=f64"));
         }
@@ -290,7 +294,7 @@ fn floating(operands: &[Valued<'_>], channels: u8) -> Result<SampleType> {
     Ok(SampleType::F64)
 }
 
-/// The minimum and the maximum of a type of integers.
+/// Minimum and maximum of an integer type.
 fn ends(sample: SampleType) -> (f64, f64) {
     let bits = 8 * sample.size() as i32;
     match sample {
@@ -299,7 +303,7 @@ fn ends(sample: SampleType) -> (f64, f64) {
     }
 }
 
-/// The first type of integers that has the values of all.
+/// First integer type that holds the values of all operands.
 fn integer(operands: &[Valued<'_>], maps: &[Maps], channels: u8) -> Result<SampleType> {
     use SampleType::{I8, I16, I32, I64, U8, U16, U32, U64};
     let candidates: &[SampleType] =
@@ -311,7 +315,8 @@ fn integer(operands: &[Valued<'_>], maps: &[Maps], channels: u8) -> Result<Sampl
         };
         candidates.iter().find(holds).copied()
     };
-    // By type where numbers stay, so that the result's does not depend on what is in the files.
+    // By type if numbers stay unchanged, so that the result's type does not depend on the files'
+    // contents.
     let by_type = |(operand, map): (&Valued<'_>, &Maps)| match (operand.classes_to, *map == PLAIN) {
         (Some(most), _) => {
             Ok(Some((ends(operand.value().sample).0, most.max(ends(operand.value().sample).1))))
@@ -325,7 +330,7 @@ fn integer(operands: &[Valued<'_>], maps: &[Maps], channels: u8) -> Result<Sampl
     if let Some(sample) = holding(&ranges) {
         return Ok(sample);
     }
-    // Of numbers of 64 bits with and without a sign those that there are decide.
+    // For 64-bit numbers with and without a sign, the actual numbers decide.
     let ranges = operands.iter().zip(maps).map(|(operand, map)| operand.range(map));
     let ranges: Vec<(f64, f64)> = ranges.collect::<Result<Vec<_>>>()?.into_iter().flatten().collect();
     let last = &operands[operands.len() - 1];
@@ -333,7 +338,7 @@ fn integer(operands: &[Valued<'_>], maps: &[Maps], channels: u8) -> Result<Sampl
         .ok_or_else(|| loss(last, "an integer type that holds the numbers of all", "calc=b1,type=f64"))
 }
 
-/// Fails if numbers would be lost on the way to values of the first operand's type.
+/// Fails if numbers would be lost by conversion to the first operand's type.
 fn check_fixed(operands: &[Valued<'_>], maps: &[Maps], options: &ReconcileOptions) -> Result<()> {
     let to = operands[0].value().sample;
     if options.round {
@@ -365,7 +370,7 @@ fn check_fixed(operands: &[Valued<'_>], maps: &[Maps], options: &ReconcileOption
     Ok(())
 }
 
-/// Whether all numbers are no larger than this.
+/// Whether the absolute values of all numbers are at most `most`.
 fn within(operand: &Valued<'_>, map: &Maps, most: f64) -> Result<bool> {
     Ok(operand.range(map)?.is_none_or(|(low, high)| low.abs().max(high.abs()) <= most))
 }

@@ -1,21 +1,21 @@
-//! Borders of nodes: runs of cells at their faces, which wait for the nodes beside them.
+//! Borders of nodes: runs of cells at their faces, which wait for the adjacent nodes.
 
 use spinney_base::value::Value;
 
-/// A piece of a line of cells.
+/// Interval of a line of cells.
 pub(super) trait Span {
     fn start(&self) -> u32;
 
     fn end(&self) -> u32;
 }
 
-/// Places that two pieces of lines beside each other have in common.
+/// Length of the overlap of two intervals on adjacent lines.
 pub(super) fn in_common<T: Span>(a: &T, b: &T) -> u64 {
     a.end().min(b.end()).saturating_sub(a.start().max(b.start())).into()
 }
 
-/// Hands out all pairs of pieces of two lines beside each other that touch: those that have cells of the same places, or of places
-/// `reach` cells away.
+/// Calls `meet` for all pairs of intervals on two adjacent lines that touch: those that overlap, or
+/// are at most `reach` cells apart diagonally.
 #[inline]
 pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnMut(&T, &T)) {
     let (mut i, mut j) = (0, 0);
@@ -24,8 +24,9 @@ pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnM
         if touches(one, other) {
             meet(one, other);
         }
-        // Invariant: of two pieces that end at different places, the one that ends first touches nothing behind the other; where both end at
-        // one place each may touch what follows the other, across the corner, if corners touch.
+        // Invariant: of two intervals with different ends, the one that ends first touches nothing
+        // after the other. If both end at the same position, each may touch the other's successor
+        // across the corner, if corners count.
         if one.end() == other.end() {
             if reach > 0
                 && let Some(next) = b.get(j + 1)
@@ -42,7 +43,7 @@ pub(super) fn touching<T: Span>(a: &[T], b: &[T], reach: u32, mut meet: impl FnM
     }
 }
 
-/// Cells of a row of a face that are of one component.
+/// Cells of a row of a face that belong to one component.
 #[derive(Clone, Debug)]
 pub(super) struct Run {
     pub(super) start: u32,
@@ -62,10 +63,11 @@ impl Span for Run {
     }
 }
 
-/// A taker of runs that touch, and of how many faces of cells they have in common: none where only corners do.
+/// Receives pairs of runs that touch, and the number of cell faces that they share: none if only
+/// corners touch.
 pub(super) type Meet<'a> = dyn FnMut(&Run, &Run, u64) + 'a;
 
-/// Rows of a face that are alike.
+/// Consecutive equal rows of a face.
 #[derive(Clone, Debug)]
 struct Band {
     start: u32,
@@ -83,22 +85,22 @@ impl Span for Band {
     }
 }
 
-/// The cells at one face of a node: all but VOID ones. Columns are along the first of the other axes, rows along the second; a
-/// quadtree's have one row.
+/// Cells at one face of a node, except for VOID ones. Columns are along the first of the other
+/// axes, rows along the second. In a quadtree a face has one row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Face {
     bands: Vec<Band>,
 }
 
 impl Face {
-    /// Adds a row behind the last.
+    /// Appends a row.
     pub(super) fn push_row(&mut self, row: u32, runs: Vec<Run>) {
         if !runs.is_empty() {
             self.bands.push(Band { start: row, end: row + 1, runs });
         }
     }
 
-    /// Adds a cell behind the last of a row, which is the last.
+    /// Appends a cell to a row, which must be the last one.
     pub(super) fn push_cell(&mut self, row: u32, cell: Run) {
         match self.bands.last_mut().filter(|band| band.start == row) {
             None => self.push_row(row, vec![cell]),
@@ -115,7 +117,7 @@ impl Face {
         }
     }
 
-    /// This face with another one behind its rows.
+    /// This face, followed by the rows of another one.
     fn below(mut self, other: Face, rows: u32) -> Face {
         self.bands.extend(other.bands.into_iter().map(|mut band| {
             (band.start, band.end) = (band.start + rows, band.end + rows);
@@ -124,17 +126,17 @@ impl Face {
         self
     }
 
-    /// This face with another one behind its columns.
+    /// This face, followed by the columns of another one.
     fn beside(self, other: Face, columns: u32) -> Face {
         let mut bands: Vec<Band> = Vec::with_capacity(self.bands.len().max(other.bands.len()));
         let mut left = self.bands.into_iter().peekable();
         let mut right = other.bands.into_iter().peekable();
-        // (Rows up to here are done.)
+        // (Rows before this one are done.)
         let mut done = 0;
         loop {
             let starts = [left.peek(), right.peek()].map(|band| band.map(|band| band.start.max(done)));
             let Some(start) = starts.into_iter().flatten().min() else { return Face { bands } };
-            // Up to the next place at which a band begins or ends.
+            // Up to the next row at which a band begins or ends.
             let next = |band: &Band| if band.start > start { band.start } else { band.end };
             let ends = [left.peek().map(next), right.peek().map(next)];
             let end = ends.into_iter().flatten().min().unwrap_or(start);
@@ -155,7 +157,7 @@ impl Face {
         });
     }
 
-    /// Numbers the runs' components anew.
+    /// Maps the numbers of the runs' components to `ids`.
     fn renumber(&mut self, ids: &[u64]) {
         for run in self.bands.iter_mut().flat_map(|band| &mut band.runs) {
             run.id = ids[run.id as usize];
@@ -163,7 +165,8 @@ impl Face {
     }
 }
 
-/// The runs of the rows from `start` to `end` of the next band, if it has them; a band that ends there is taken.
+/// Runs of the rows from `start` to `end` of the next band, if it covers them; a band that ends
+/// there is removed.
 fn take_rows(bands: &mut std::iter::Peekable<std::vec::IntoIter<Band>>, start: u32, end: u32) -> Vec<Run> {
     match bands.peek() {
         Some(band) if band.start <= start && band.end > end => band.runs.clone(),
@@ -172,14 +175,14 @@ fn take_rows(bands: &mut std::iter::Peekable<std::vec::IntoIter<Band>>, start: u
     }
 }
 
-/// The faces of a node, along each axis the one at its least coordinate and that at its greatest.
+/// Faces of a node: along each axis those at its minimum and maximum coordinate.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Borders {
     pub(super) faces: [[Face; 2]; 3],
 }
 
 impl Borders {
-    /// Those of a node all of whose cells are of one component.
+    /// Borders of a node whose cells all belong to one component.
     pub(super) fn uniform(axes: usize, side: u32, id: u64, value: Value) -> Borders {
         let rows = if axes > 2 { side } else { 1 };
         let face = |axis: usize| match axis < axes {
@@ -189,12 +192,13 @@ impl Borders {
         Borders { faces: std::array::from_fn(face) }
     }
 
-    /// Numbers the components anew.
+    /// Maps the component numbers to `ids`.
     pub(super) fn renumber(&mut self, ids: &[u64]) {
         self.faces.iter_mut().flatten().for_each(|face| face.renumber(ids));
     }
 
-    /// Lays two nodes with so many cells along an axis beside each other: what touches is handed out, what is outside is kept.
+    /// Joins two adjacent nodes with `side` cells along an axis: reports runs that touch, and keeps
+    /// the outer faces.
     pub(super) fn join(
         self,
         other: Borders,

@@ -1,4 +1,5 @@
-//! Numbers of components: a forest of those at borders of blocks, from which each gets its number by its first cell in FD order.
+//! Labels of components: a union-find forest of those at borders of blocks, which numbers all
+//! components by their first cell in FD order.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
@@ -9,24 +10,25 @@ use super::units::Units;
 use super::words::Words;
 use spinney_base::{Error, Progress, Result};
 
-/// Bits of a word that tell what a component is united with. The others count the components that end inside of the block and come
-/// between the last one at the border and this.
+/// Bits of a word that hold the parent of a component. The other bits count those components before
+/// this one that lie fully inside of its block.
 const PARENT_BITS: u32 = 40;
 const PARENT: u64 = (1 << PARENT_BITS) - 1;
 
-/// The components of a unit.
+/// Components of a unit.
 struct Entry {
-    /// The number of the first of those that are at its border, and so many more.
+    /// Number of the first of its components at the border; the others follow.
     first: u64,
     at_border: u32,
-    /// Components that are not.
+    /// Number of components that are not at the border.
     inside: u32,
-    /// The label of the first component that begins in it; that of one that is uniform.
+    /// Label of the first component that begins in the unit; for a uniform unit, that of its
+    /// component.
     base: u64,
     is_uniform: bool,
 }
 
-/// The labels of all components of some cells.
+/// Labels of all components.
 pub(super) struct Labels {
     pub(super) units: Units,
     entries: Vec<Entry>,
@@ -36,12 +38,12 @@ pub(super) struct Labels {
 }
 
 impl Labels {
-    /// Goes through some cells and numbers their components. About `memory` bytes are used besides those of the blocks at work; what does
-    /// not fit goes to a temporary file in the folder. With `kept`, which is a part of them, patterns of blocks stay in memory for those who
-    /// will ask for their cells.
+    /// Scans all cells and labels their components. Uses about `memory` bytes in addition to those
+    /// of the blocks in progress; the excess goes to a temporary file in `folder`. Up to `kept` of
+    /// these bytes hold patterns of blocks, for later reads of their cells.
     ///
     /// # Errors
-    /// If the tree is damaged, the temporary file cannot be used, or on interruption.
+    /// If the tree is corrupt, the temporary file cannot be used, or on cancellation.
     pub(super) fn of(
         cells: &Cells,
         kept: u64,
@@ -58,12 +60,13 @@ impl Labels {
         forest.number(progress)
     }
 
-    /// The label of a node of one value, which is given by its number.
+    /// Label of a uniform node, given by its index.
     pub(super) fn of_uniform(&self, number: usize) -> u64 {
         self.entries[number].base
     }
 
-    /// The labels of the components of a block, which is given by its number, and which of its components are at its border.
+    /// Labels of the components of a block, given by its index and which of its components are at
+    /// its border.
     ///
     /// # Errors
     /// If the temporary file cannot be read.
@@ -85,7 +88,8 @@ impl Labels {
                 }
                 false => next,
             };
-            // Invariant: labels are given in this order, so that one that begins here has the next one, and no other has.
+            // Invariant: labels are assigned in this order. A component that begins here gets the
+            // next label, and no other component has that label.
             next += u64::from(label == next);
             labels.push(label);
         }
@@ -93,7 +97,8 @@ impl Labels {
     }
 }
 
-/// Components at borders of blocks, each of which leads to one before it that it is united with, or to itself.
+/// Components at borders of blocks. Each has as parent an earlier component that it is united with,
+/// or itself.
 struct Forest {
     units: Units,
     entries: Vec<Entry>,
@@ -131,7 +136,7 @@ impl Forest {
         Ok(id)
     }
 
-    /// Gives all components their labels.
+    /// Assigns labels to all components.
     fn number(mut self, progress: &dyn Progress) -> Result<Labels> {
         let mut count = 0;
         for entry in &mut self.entries {
@@ -141,7 +146,7 @@ impl Forest {
             for id in entry.first..entry.first + u64::from(entry.at_border) {
                 let word = self.words.get(id)?;
                 let parent = word & PARENT;
-                // Invariant: what a component leads to comes before it, so that its label is known.
+                // Invariant: a parent comes before its children, so its label is known.
                 let label = match parent == id {
                     true => {
                         begun += 1;

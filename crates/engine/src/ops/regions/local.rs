@@ -1,4 +1,4 @@
-//! Components of the cells of one block, found by the runs of equal cells in its rows.
+//! Components of one block's cells, found by the runs of equal cells in its rows.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use spinney_base::sort;
 use spinney_base::space::{Dimension, morton_encode};
 use spinney_base::value::Value;
 
-/// Some cells of a row that are alike and not VOID.
+/// Run of equal cells in a row that are not VOID.
 struct LocalRun {
     start: u16,
     end: u16,
@@ -24,10 +24,10 @@ impl Span for LocalRun {
     }
 }
 
-/// A component of a block's cells.
+/// Component of a block's cells.
 #[derive(Clone, Debug)]
 pub(super) struct Component {
-    /// Place of its first cell in Z order.
+    /// Index of its first cell in Z order.
     pub(super) first: u64,
     pub(super) cells: u64,
     pub(super) value: Value,
@@ -35,29 +35,30 @@ pub(super) struct Component {
     pub(super) is_at_border: bool,
 }
 
-/// Pairs of components that are looked for among those that came last: a power of two.
+/// Size of the cache of recent pairs, a power of two.
 const RECENT_PAIRS: usize = 1024;
 
-/// Two components of a block that touch, the lower number first, and how many faces of cells they have in common.
+/// Two components of a block that touch, the lower number first, and the number of cell faces that
+/// they share.
 #[derive(Clone, Copy)]
 pub(super) struct Pair {
     pub(super) components: [u32; 2],
     pub(super) faces: u64,
 }
 
-/// The components of a block, by their first cells in Z order.
+/// Components of a block, ordered by their first cells in Z order.
 pub(super) struct Local {
     axes: usize,
     side: u32,
-    /// The first run of each row, and the end of the last.
+    /// First run of each row, and the end of the last.
     rows: Vec<u32>,
     runs: Vec<LocalRun>,
     pub(super) components: Vec<Component>,
 }
 
 impl Local {
-    /// The components of a block with so many levels below it, whose cells are given in rows. Cells touch others up to so many cells
-    /// away along the other axes.
+    /// Components of a block with `height` levels, whose cells are given in rows. Cells touch
+    /// others that are at most `reach` cells away along the other axes.
     pub(super) fn new(
         dimension: Dimension,
         height: u8,
@@ -82,15 +83,16 @@ impl Local {
         local
     }
 
-    /// Finds the runs of all rows, and for each a run that it is united with: one before it, or itself. A mover: compiled for each width of
-    /// values.
+    /// Finds the runs of all rows. Returns the union-find parent of each: an earlier run, or
+    /// itself. Compiled for each width of values.
     fn find_runs<const WIDTH: usize>(&mut self, values: &[u8], valid: &[bool], reach: u32) -> Vec<u32> {
         let (values, _) = values.as_chunks::<WIDTH>();
         let side = self.side as usize;
         let mut parents: Vec<u32> = Vec::new();
         let mut changes = vec![0u8; side.next_multiple_of(8)];
         for (row, (cells, valid)) in values.chunks_exact(side).zip(valid.chunks_exact(side)).enumerate() {
-            // (First where something changes, without a way out in the middle, so that many cells are looked at a time.)
+            // (Changes are marked first, without an early exit, so that the compiler vectorizes the
+            // loop.)
             let pairs = cells.iter().zip(&cells[1..]).zip(valid.iter().zip(&valid[1..]));
             for (change, ((a, b), (is_a, is_b))) in changes[1..].iter_mut().zip(pairs) {
                 *change = u8::from(a != b) | u8::from(is_a != is_b);
@@ -116,7 +118,7 @@ impl Local {
             for before in self.rows_before(row, reach) {
                 touching(&self.runs[self.row(before)], &self.runs[self.row(row)], reach, |a, b| {
                     let value_of_a = values[before * side + usize::from(a.start)];
-                    // (Most that touch lead to the same one already.)
+                    // (Most runs that touch have the same parent already.)
                     if value_of_a == values[row * side + usize::from(b.start)]
                         && parents[a.component as usize] != parents[b.component as usize]
                     {
@@ -129,13 +131,13 @@ impl Local {
         parents
     }
 
-    /// The place of a row along the other axes.
+    /// Position of a row along the other axes.
     fn place(&self, row: usize) -> [u32; 2] {
         let row = row as u32;
         [row & (self.side - 1), row >> self.side.ilog2()]
     }
 
-    /// The rows before a row whose cells touch those of the row.
+    /// Earlier rows whose cells touch those of a row.
     fn rows_before(&self, row: usize, reach: u32) -> impl Iterator<Item = usize> + use<> {
         let side = self.side as usize;
         let [y, z] = self.place(row);
@@ -160,7 +162,8 @@ impl Local {
     /// Numbers the components in Z order of their first cells.
     fn number(&mut self, dimension: Dimension, width: usize, values: &[u8], mut parents: Vec<u32>) {
         let side = self.side;
-        // (Runs lead to those before them, which have their component already: its number takes their place.)
+        // (Parents are earlier runs, which have their component already: its number replaces the
+        // parent.)
         let encoded: Vec<u64> = (0..side).map(|place| morton_encode(dimension, place)).collect();
         let last = side - 1;
         for row in 0..self.count_rows() {
@@ -197,9 +200,9 @@ impl Local {
         self.runs.iter_mut().for_each(|run| run.component = ranks[run.component as usize]);
     }
 
-    /// Pairs of components that touch. Each may come several times, and most come once.
+    /// Pairs of components that touch. A pair may occur several times, but most occur once.
     pub(super) fn pairs(&self, reach: u32) -> Vec<Pair> {
-        // Pairs that came last, by a hash of their numbers; those that another takes the place of are handed out.
+        // Cache of recent pairs, by a hash of their numbers; replaced pairs go to the result.
         let none = Pair { components: [0, 0], faces: 0 };
         let mut recent = vec![none; RECENT_PAIRS];
         let mut pairs: Vec<Pair> = Vec::new();
@@ -235,13 +238,14 @@ impl Local {
         pairs
     }
 
-    /// Whether rows have faces in common, and not only edges.
+    /// Whether rows share faces, not only edges.
     fn is_beside(&self, before: usize, row: usize) -> bool {
         let [y, _] = self.place(row);
         y > 0 && before + 1 == row || before + self.side as usize == row
     }
 
-    /// The box of each component's cells in the block: its first cell along each axis, and the one behind its last.
+    /// Box of each component's cells in the block: its first cell along each axis, and the end
+    /// after its last.
     pub(super) fn boxes(&self) -> Vec<[[u32; 3]; 2]> {
         let mut boxes = vec![[[u32::MAX; 3], [0; 3]]; self.components.len()];
         for row in 0..self.count_rows() {
@@ -255,7 +259,7 @@ impl Local {
         boxes
     }
 
-    /// The runs at the block's faces, with the numbers of their components.
+    /// Runs at the block's faces, with the numbers of their components.
     pub(super) fn borders(&self) -> Borders {
         let mut borders = Borders::default();
         let last = self.side - 1;
@@ -279,7 +283,7 @@ impl Local {
                     borders.faces[2][side].push_row(y, whole());
                 }
             }
-            // Cells of the first and the last column, one below the other.
+            // Cells of the first and the last column, in row order.
             let ends =
                 [runs.first().filter(|run| run.start == 0), runs.last().filter(|run| run.end() > last)];
             for (side, end) in ends.into_iter().enumerate() {
@@ -291,7 +295,7 @@ impl Local {
         borders
     }
 
-    /// Hands out the runs of each row with their components: their cells in the row.
+    /// Calls `each` for the runs of each row: row, cells and component.
     pub(super) fn each_run(&self, mut each: impl FnMut(usize, Range<u32>, u32)) {
         for row in 0..self.count_rows() {
             for run in &self.runs[self.row(row)] {
@@ -306,7 +310,7 @@ impl Local {
     }
 }
 
-/// The one that a number leads to in the end, which leads to itself; ways are made shorter as they are gone.
+/// Root of a number in the forest; shortens the path on the way.
 pub(super) fn root(parents: &mut [u32], mut number: u32) -> u32 {
     while parents[number as usize] != number {
         let above = parents[parents[number as usize] as usize];

@@ -1,22 +1,23 @@
-//! What is kept of blocks that were looked at: which component each cell belongs to, in a few bytes for each run of cells.
+//! Patterns of blocks that were read: the component of each cell, in a few bytes per run of cells.
 
 use std::ops::Range;
 
 use super::local::Local;
 
-/// The components of a block's cells.
+/// Components of a block's cells.
 pub(super) struct Pattern {
     side: u32,
     /// Bytes of a component's number.
     width: u8,
-    /// Rows of pieces that end where the block does: the last cell of each, and the number of its component from 1 on; 0 is VOID.
+    /// Runs of cells in rows; the last one of a row ends at the block's edge. Each is the index of
+    /// its last cell, and the number of its component from 1 on; 0 is VOID.
     pieces: Box<[u8]>,
     /// Whether components have cells at the block's border.
     at_border: Box<[bool]>,
 }
 
 impl Pattern {
-    /// That of a block, which has 256 cells along an edge at most.
+    /// Pattern of a block, which has at most 256 cells along an edge.
     pub(super) fn new(local: &Local) -> Pattern {
         let count = local.components.len();
         let width = if count < 1 << 8 { 1 } else { if count < 1 << 16 { 2 } else { 4 } };
@@ -26,7 +27,7 @@ impl Pattern {
             pieces.push((end - 1) as u8);
             pieces.extend_from_slice(&number.to_le_bytes()[..usize::from(width)]);
         };
-        // The row at hand, and where the next piece of it begins.
+        // Current row, and the start of its next run.
         let (mut at, mut start) = (0, 0);
         local.each_run(|row, cells, component| {
             while at < row {
@@ -41,7 +42,7 @@ impl Pattern {
             piece(cells.end, component + 1);
             start = cells.end;
         });
-        // (Rows behind the last piece are VOID.)
+        // (Rows after the last run are VOID.)
         let at_border = local.components.iter().map(|component| component.is_at_border).collect();
         Pattern { side, width, pieces: pieces.into(), at_border }
     }
@@ -50,12 +51,12 @@ impl Pattern {
         &self.at_border
     }
 
-    /// About the bytes of memory that it takes.
+    /// Approximate memory use in bytes.
     fn bytes(&self) -> u64 {
         (size_of::<Option<Pattern>>() + self.pieces.len() + self.at_border.len()) as u64
     }
 
-    /// Hands out runs of cells with their components: the place of the first cell in rows, and the end.
+    /// Calls `each` for runs of cells with their components: the range of cell indices.
     #[inline]
     pub(super) fn each_run(&self, each: impl FnMut(Range<usize>, usize)) {
         match self.width {
@@ -84,26 +85,26 @@ impl Pattern {
     }
 }
 
-/// Patterns of blocks by the blocks' numbers, as far as there is room for them.
+/// Patterns of blocks by block index, within a memory limit.
 pub(super) struct Patterns {
     patterns: Vec<Option<Pattern>>,
-    /// Bytes that are left.
+    /// Remaining bytes.
     room: u64,
 }
 
 impl Patterns {
-    /// No pattern yet, and room for so many bytes.
+    /// No patterns yet, and a limit in bytes.
     pub(super) fn new(room: u64) -> Patterns {
         Patterns { patterns: Vec::new(), room }
     }
 
-    /// Keeps the pattern of the block with a number, which is greater than those before, if there is room.
+    /// Keeps the pattern of a block if there is enough memory. Indices must be ascending.
     pub(super) fn keep(&mut self, number: usize, local: &Local) {
         if self.room == 0 {
             return;
         }
         let pattern = Pattern::new(local);
-        // (Once one has found no room, none behind it is looked at.)
+        // (Once a pattern did not fit, later ones are not computed.)
         self.room = self.room.saturating_sub(pattern.bytes());
         if self.room > 0 {
             self.patterns.resize_with(number, || None);
@@ -111,7 +112,7 @@ impl Patterns {
         }
     }
 
-    /// The pattern of a block, if it was kept.
+    /// Pattern of a block, if it was kept.
     pub(super) fn get(&self, number: usize) -> Option<&Pattern> {
         self.patterns.get(number)?.as_ref()
     }

@@ -1,4 +1,5 @@
-//! Rows of tables, of which those with the same key are added up: in memory, or in sorted runs in a temporary file.
+//! Rows of tables, of which those with the same key are summed: in memory, or in sorted runs in a
+//! temporary file.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,16 +10,16 @@ use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result, sort};
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// Rows that are collected before the first look for those with the same key.
+/// Number of rows that are collected before rows with the same key are merged for the first time.
 const FEW: usize = 1 << 14;
 
-/// Bytes that are read of a run at a time: at least and at most.
+/// Minimum and maximum number of bytes that are read of a run at a time.
 const PIECE: [u64; 2] = [1 << 12, 1 << 18];
 
-/// Bytes that a row takes while rows are sorted, besides its own.
+/// Bytes per row for sorting, in addition to its own.
 const SORTING: u64 = 40;
 
-/// A row: numbers without gaps between them, which go to the file as they are.
+/// Row: numbers without padding, which are written to the file unchanged.
 pub(super) trait Row: Copy + FromBytes + IntoBytes + Immutable {
     fn key(&self) -> u128;
 
@@ -26,21 +27,21 @@ pub(super) trait Row: Copy + FromBytes + IntoBytes + Immutable {
     fn add(&mut self, other: &Self);
 }
 
-/// Rows as they come.
+/// Rows in any order.
 pub(super) struct Rows<R> {
     folder: PathBuf,
     rows: Vec<R>,
-    /// Number of rows at which to look for those with the same key, and that there may be in memory.
+    /// Number of rows at which rows with the same key are merged, and the maximum number in memory.
     limit: usize,
     most: usize,
     memory: u64,
     file: Option<File>,
-    /// The end of each run in the file, in rows.
+    /// End of each run in the file, in rows.
     ends: Vec<u64>,
 }
 
 impl<R: Row> Rows<R> {
-    /// A table that may take about so many bytes of memory; the temporary file will be in this folder.
+    /// Table that may use about `memory` bytes; the temporary file is created in `folder`.
     pub(super) fn new(folder: &Path, memory: u64) -> Rows<R> {
         let most = (memory / (size_of::<R>() as u64 + SORTING)).clamp(64, 1 << 31) as usize;
         Rows {
@@ -70,7 +71,7 @@ impl<R: Row> Rows<R> {
         Ok(())
     }
 
-    /// Sorts the rows in memory, and makes one of those with the same key.
+    /// Sorts the rows in memory, and merges those with the same key.
     fn compact(&mut self) {
         sort::by_wide_key(&mut self.rows, Row::key);
         self.rows.dedup_by(|row, before| {
@@ -98,7 +99,7 @@ impl<R: Row> Rows<R> {
         Ok(())
     }
 
-    /// All rows in the order of their keys, each of which comes once.
+    /// All rows in key order, each key once.
     ///
     /// # Errors
     /// If the temporary file cannot be written or read.
@@ -121,21 +122,21 @@ impl<R: Row> Rows<R> {
     }
 }
 
-/// Rows in order: some that are in memory, and those in the file that come behind.
+/// Sorted rows: some that are in memory, and those in the file that follow.
 struct Run<R> {
     rows: Vec<R>,
     next: usize,
     left: std::ops::Range<u64>,
 }
 
-/// Rows in the order of their keys.
+/// Rows in key order.
 pub(super) struct SortedRows<R> {
     file: Option<File>,
     folder: PathBuf,
     runs: Vec<Run<R>>,
-    /// Rows that are read of a run at a time.
+    /// Number of rows that are read of a run at a time.
     piece: u64,
-    /// The key of the next row of each run that has one.
+    /// Key of the next row of each run that has one.
     heap: BinaryHeap<Reverse<(u128, usize)>>,
 }
 
@@ -148,7 +149,7 @@ impl<R: Row> SortedRows<R> {
         Ok(sorted)
     }
 
-    /// Puts the next row of a run into the queue, if it has one.
+    /// Pushes the next row of a run onto the heap, if it has one.
     fn queue(&mut self, number: usize) -> Result<()> {
         let run = &mut self.runs[number];
         if run.next >= run.rows.len() {
@@ -164,12 +165,12 @@ impl<R: Row> SortedRows<R> {
         Ok(())
     }
 
-    /// The key of the next row.
+    /// Key of the next row.
     pub(super) fn peek(&self) -> Option<u128> {
         self.heap.peek().map(|Reverse((key, _))| *key)
     }
 
-    /// The next row.
+    /// Next row.
     ///
     /// # Errors
     /// If the temporary file cannot be read.

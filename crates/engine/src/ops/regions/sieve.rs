@@ -1,4 +1,4 @@
-//! Gives small components to their largest neighbours, one after the other.
+//! Sieve: merges small components into their largest neighbours, one at a time.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, HashMap};
@@ -18,31 +18,32 @@ const PAIR_BYTES: u64 = 16;
 /// No component.
 const NONE: u32 = u32::MAX;
 
-/// The values that components have when all small ones have been given away.
+/// Values of the components after all small ones have been merged.
 pub(super) struct Sieved {
     pub(super) units: Units,
-    /// The number of the first component of each unit.
+    /// Number of the first component of each unit.
     firsts: Vec<u32>,
     values: Vec<Value>,
-    /// Numbers of the values of components.
+    /// Value index of each component.
     of_components: Vec<u32>,
 }
 
 impl Sieved {
-    /// The value of the `index`-th component of a unit.
+    /// Value of the `index`-th component of a unit.
     pub(super) fn value(&self, unit: usize, index: usize) -> Value {
         self.values[self.of_components[self.firsts[unit] as usize + index] as usize]
     }
 
-    /// The values of so many components of a unit.
+    /// Values of a unit's first `count` components.
     pub(super) fn values(&self, unit: usize, count: usize) -> Vec<Value> {
         (0..count).map(|index| self.value(unit, index)).collect()
     }
 
-    /// Sieves components of fewer cells than `least`. About `memory` bytes are used besides those of the blocks at work.
+    /// Sieves components of fewer cells than `least`. Uses about `memory` bytes in addition to
+    /// those of the blocks in progress.
     ///
     /// # Errors
-    /// If they need more memory than there is, the tree is damaged, or on interruption.
+    /// If they need more memory than that, the tree is corrupt, or on cancellation.
     pub(super) fn of(cells: &Cells, least: u64, memory: u64, progress: &dyn Progress) -> Result<Sieved> {
         let mut pieces = Pieces {
             units: Units::new(memory / 4),
@@ -62,7 +63,7 @@ impl Sieved {
         let mut graph = Graph::new(forest, pairs, least);
         graph.merge(&of_components, least, progress)?;
         for component in 0..of_components.len() as u32 {
-            // (What others were given to keeps its value.)
+            // (A component into which others were merged keeps its value.)
             let root = graph.forest.root(component);
             of_components[component as usize] = of_components[root as usize];
         }
@@ -70,11 +71,12 @@ impl Sieved {
     }
 }
 
-/// Components of blocks, each of which leads to another that it is one with, or to itself.
+/// Union-find forest of components of blocks: each has another one as parent that it is united
+/// with, or itself.
 #[derive(Default)]
 struct Forest {
     parents: Vec<u32>,
-    /// Cells of those that lead to themselves.
+    /// Number of cells of the roots.
     sizes: Vec<u64>,
 }
 
@@ -83,7 +85,7 @@ impl Forest {
         root(&mut self.parents, number)
     }
 
-    /// Makes one component, which leads to itself, lead to another such.
+    /// Makes one root the child of another.
     fn give(&mut self, component: u32, to: u32) {
         self.parents[component as usize] = to;
         self.sizes[to as usize] += self.sizes[component as usize];
@@ -94,22 +96,23 @@ impl Forest {
     }
 }
 
-/// Collects the components of units, pieces of larger ones maybe, and which of them are beside which others.
+/// Collects the components of units, which may be fragments of larger ones, and which of them are
+/// adjacent.
 ///
-/// Components are united with those that come before them, so that what they lead to is numbered by its first cell.
+/// Components are united with earlier ones, so that a root is numbered by its first cell.
 struct Pieces {
     units: Units,
     firsts: Vec<u32>,
     depth: u8,
     least: u64,
     forest: Forest,
-    /// Numbers of their values.
+    /// Value index of each fragment.
     of_pieces: Vec<u32>,
     values: Vec<Value>,
     numbers: HashMap<Value, u32>,
     /// Pairs that touch, of which one may be small.
     pairs: Vec<u64>,
-    /// Bytes for all of them.
+    /// Memory limit in bytes.
     room: u64,
     name: PathBuf,
 }
@@ -128,7 +131,7 @@ impl Pieces {
         piece.into()
     }
 
-    /// Notes that two touch, unless both are known to be large.
+    /// Records that two components touch, unless both are known to be large.
     fn pair(&mut self, a: u32, b: u32) {
         if self.forest.size(a).min(self.forest.size(b)) < self.least {
             self.pairs.push(u64::from(a) << 32 | u64::from(b));
@@ -139,7 +142,7 @@ impl Pieces {
         self.forest.parents.len() as u64 * COMPONENT_BYTES + self.pairs.len() as u64 * PAIR_BYTES
     }
 
-    /// Makes sure that there is room for more.
+    /// Checks that there is memory for more.
     fn check_room(&mut self) -> Result<()> {
         let count = self.forest.parents.len().max(self.pairs.len());
         if self.needed() <= self.room && count < NONE as usize / 2 {
@@ -147,7 +150,7 @@ impl Pieces {
         }
         self.compact();
         let count = self.forest.parents.len().max(self.pairs.len());
-        // (An eighth has to be left, so that pairs are not put into order over and over again.)
+        // (An eighth has to remain free, so that pairs are not sorted again and again.)
         if self.needed() <= self.room - self.room / 8 && count < NONE as usize / 4 {
             return Ok(());
         }
@@ -160,7 +163,7 @@ impl Pieces {
         })
     }
 
-    /// Leaves each pair once, and none of two that are large by now.
+    /// Removes duplicate pairs, and pairs of components that are both large by now.
     fn compact(&mut self) {
         let (forest, least) = (&mut self.forest, self.least);
         for pair in &mut self.pairs {
@@ -215,13 +218,15 @@ impl Sweeper for Pieces {
     }
 }
 
-/// Components that become fewer.
+/// Components during merging.
 struct Graph {
     forest: Forest,
-    /// The neighbours of small components, one after the other; where those of each begin, and the end.
+    /// Neighbours of small components, contiguous, and the start of each component's neighbours
+    /// with a final end.
     neighbours: Vec<u32>,
     begin: Vec<u32>,
-    /// Those that were given to a small component, as a list from it on: the next, and the last.
+    /// Linked list of the components that were merged into a small one, starting from it: the next,
+    /// and the last.
     next: Vec<u32>,
     last: Vec<u32>,
 }
@@ -240,7 +245,7 @@ impl Graph {
         for at in 0..count {
             begin[at + 1] += begin[at];
         }
-        // Each is put where those of the next one begin, counted back from there.
+        // Entries are filled backwards from the start of the next component's.
         let mut neighbours = vec![0; begin[count] as usize];
         for pair in pairs {
             let (a, b) = ((pair >> 32) as u32, pair as u32);
@@ -256,7 +261,7 @@ impl Graph {
         Graph { forest, neighbours, begin, next: vec![NONE; count], last: (0..count as u32).collect() }
     }
 
-    /// The components beside a small one, each once, in order.
+    /// Neighbours of a small component, each once, in order.
     fn around(&mut self, small: u32, found: &mut Vec<u32>) {
         found.clear();
         let mut member = small;
@@ -274,10 +279,12 @@ impl Graph {
         found.dedup();
     }
 
-    /// Gives components of fewer cells than `least` to their largest neighbours (of two alike to the one with the lower number), the
-    /// smallest first (of two alike the one with the lower number), until none that is so small has a neighbour.
+    /// Merges components of fewer cells than `least` into their largest neighbours (of equal ones,
+    /// into the one with the lower number), the smallest first (of equal ones, that with the lower
+    /// number), until no small component has a neighbour.
     fn merge(&mut self, values: &[u32], least: u64, progress: &dyn Progress) -> Result<()> {
-        // Invariant: what grows becomes larger than what it was given, so that nothing comes to a size that was gone through.
+        // Invariant: a component that grows becomes larger than the merged one, so no component
+        // returns to a size that was processed.
         let mut of_sizes: BTreeMap<u64, Vec<u32>> = BTreeMap::new();
         for (component, size) in self.forest.sizes.iter().enumerate().filter(|(_, size)| **size < least) {
             if self.forest.parents[component] == component as u32 {
@@ -291,7 +298,8 @@ impl Graph {
         Ok(())
     }
 
-    /// Does so with the components of a size, in order; those that grow and stay small go to others of theirs.
+    /// Merges the components of one size, in order. Those that grow and stay small are queued under
+    /// their new size.
     fn merge_alike(
         &mut self,
         (size, components): (u64, &[u32]),
@@ -304,7 +312,7 @@ impl Graph {
             if step.is_multiple_of(1 << 12) {
                 progress.check()?;
             }
-            // (Those that have grown, or were given away, are no longer what they were.)
+            // (Skips components that have grown or were merged.)
             if self.forest.parents[component as usize] != component || self.forest.size(component) != size {
                 continue;
             }
@@ -313,7 +321,7 @@ impl Graph {
             let Some(&largest) = around.iter().max_by_key(by_size) else { continue };
             let value = values[largest as usize];
             self.give(component, largest, least);
-            // What has the same value is one with it, now that they touch.
+            // Neighbours of the same value are united with it, now that they touch.
             for other in &around {
                 if *other != largest && values[*other as usize] == value {
                     self.give(*other, largest, least);
@@ -329,7 +337,7 @@ impl Graph {
 
     fn give(&mut self, component: u32, to: u32, least: u64) {
         self.forest.give(component, to);
-        // (Nobody asks for the neighbours of one that is large.)
+        // (The neighbours of a large component are never needed.)
         if self.forest.size(to) < least {
             let last = self.last[to as usize];
             self.next[last as usize] = component;

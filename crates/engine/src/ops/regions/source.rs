@@ -1,4 +1,4 @@
-//! The trees that `components=` and `sieve=` make: blocks are looked at again as they are asked for.
+//! Trees of `components=` and `sieve=`. Blocks are read again on request.
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -17,23 +17,24 @@ use spinney_base::value::{DataKind, Rule, SampleType, Value, ValueType};
 use spinney_base::{Progress, Result, TreeType};
 use spinney_container::{Codec, Header, Metadata, Shape};
 
-/// Blocks that are kept for those who go through nodes.
+/// Number of cached blocks, for traversals by node.
 const KEPT: usize = 16;
 
-/// Labels that are u32; what has more has labels of u64. (The greatest is left free.)
+/// Maximum number of labels that are u32; otherwise labels are u64. (The maximum of u32 is left
+/// free.)
 const MAX_NARROW: u64 = u32::MAX as u64 - 1;
 
-/// Room and progress of steps that go through all cells before the first is handed out.
+/// Memory and progress of operations that scan all cells before the first result is available.
 #[derive(Clone, Copy)]
 pub(in crate::ops) struct Passes<'a> {
-    /// Bytes that may be used, about.
+    /// Approximate memory limit in bytes.
     pub(in crate::ops) memory: u64,
-    /// Folder for temporary files.
+    /// Directory for temporary files.
     pub(in crate::ops) folder: &'a Path,
     pub(in crate::ops) progress: &'a dyn Progress,
 }
 
-/// Values that components get.
+/// Values of the components.
 enum Made {
     Labels(Labels),
     Sieved(Sieved),
@@ -49,11 +50,12 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Labels of the components of a view's cells, numbered by their first cells in FD order. Of solids of occupancy cells hang together
-    /// that are at least half full.
+    /// Labels of the components of a view's cells, numbered by their first cells in FD order. In
+    /// solids by occupancy, cells that are at least half full are connected.
     ///
     /// # Errors
-    /// If cells of such trees have not so many neighbours, the tree is damaged, a temporary file cannot be used, or on interruption.
+    /// If the connectivity does not exist for this dimension, the tree is corrupt, a temporary file
+    /// cannot be used, or on cancellation.
     pub(in crate::ops) fn components(
         view: &View,
         connect: Connectivity,
@@ -63,7 +65,7 @@ impl Regions {
         Regions::labelled(cells, MAX_NARROW, passes)
     }
 
-    /// Labels of some cells, of u64 if there are more than a number of them.
+    /// Labels of some cells, as u64 if there are more than `most_narrow` of them.
     pub(super) fn labelled(cells: Cells, most_narrow: u64, passes: &Passes<'_>) -> Result<Regions> {
         let view = &cells.view;
         let labels = Labels::of(&cells, passes.memory / 4, (passes.folder, passes.memory), passes.progress)?;
@@ -86,10 +88,10 @@ impl Regions {
         Ok(Regions { cells, made: Made::Labels(labels), header, metadata, kept: Mutex::default() })
     }
 
-    /// A view's cells, those of small components with the values of their largest neighbours.
+    /// A view's cells, in which small components have the values of their largest neighbours.
     ///
     /// # Errors
-    /// As [`Regions::components`]; also if there are more components than memory has room for.
+    /// Those of [`Regions::components`]; also if the components do not fit in memory.
     pub(in crate::ops) fn sieved(view: &View, sieve: &Sieve, passes: &Passes<'_>) -> Result<Regions> {
         let dimension = view.form().dimension;
         let cells = Cells::values(view.clone(), sieve.reach(dimension)?);
@@ -97,24 +99,24 @@ impl Regions {
         Regions::sieved_cells(cells, least, passes)
     }
 
-    /// Some cells without components of fewer cells than `least`.
+    /// Cells with components of fewer cells than `least` merged.
     pub(super) fn sieved_cells(cells: Cells, least: u64, passes: &Passes<'_>) -> Result<Regions> {
         let sieved = Sieved::of(&cells, least, passes.memory, passes.progress)?;
         let (metadata, header) = (cells.view.metadata(false), header_of(&cells.view));
         Ok(Regions { cells, made: Made::Sieved(sieved), header, metadata, kept: Mutex::default() })
     }
 
-    /// The tree whose components these are.
+    /// Tree whose components these are.
     pub fn source(&self) -> &ViewSource {
         self.cells.view.source()
     }
 
-    /// The header of a file of the tree.
+    /// Header that a file of the tree would have.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The metadata of a file of the tree.
+    /// Metadata that a file of the tree would have.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
@@ -134,7 +136,7 @@ impl Regions {
         }
     }
 
-    /// The value of a node of one value, which is given by its number.
+    /// Value of a uniform node, given by its index.
     fn value(&self, number: usize) -> Value {
         match &self.made {
             Made::Labels(labels) => self.label(labels.of_uniform(number)),
@@ -142,7 +144,7 @@ impl Regions {
         }
     }
 
-    /// The values of the components of a block, which is given by its number.
+    /// Values of the components of a block, given by its index.
     fn values(&self, number: usize, is_at_border: &[bool]) -> Result<Vec<Value>> {
         Ok(match &self.made {
             Made::Labels(labels) => {
@@ -153,7 +155,7 @@ impl Regions {
         })
     }
 
-    /// The cells of a block, which is given by its number.
+    /// Cells of a block, given by its index.
     fn block(&self, code: Code, number: usize) -> Result<CellBlock> {
         let made;
         let pattern = match self.units().pattern(number) {
@@ -184,7 +186,8 @@ impl Regions {
         if let Some((_, block)) = lock().iter().find(|(other, _)| *other == code) {
             return Ok(block.clone());
         }
-        // (Without the lock: others may go on, and at worst two look at the same.)
+        // (Without the lock: other threads continue, and in the worst case two compute the same
+        // block.)
         let block = Arc::new(self.block(code, number)?);
         let mut kept = lock();
         if kept.len() >= KEPT {
@@ -194,7 +197,7 @@ impl Regions {
         Ok(block)
     }
 
-    /// A node: INNER ones stand for all that may have more below.
+    /// Node. Nodes above blocks are INNER if they contain any unit.
     fn node(&self, code: Code) -> Result<Child<Code>> {
         let inner = Child::Inner { representative: Value::ZERO, node: code };
         match self.units().at(code) {
@@ -214,7 +217,7 @@ impl Regions {
     /// Draws a box of cells inside the tree's space as [`Source::draw`] does.
     ///
     /// # Errors
-    /// If the tree is damaged there.
+    /// If the tree is corrupt there.
     pub(in crate::ops) fn draw_cells(
         &self,
         bounds: &Bounds,
@@ -261,7 +264,7 @@ impl Regions {
     }
 }
 
-/// The header of a file of a view.
+/// Header that a file of a view would have.
 fn header_of(view: &View) -> Header {
     let header = view.source().header();
     Header {
@@ -274,7 +277,7 @@ fn header_of(view: &View) -> Header {
     }
 }
 
-/// Gives the cells of a block the values of their components. A mover: compiled for each width of values.
+/// Sets the cells of a block to the values of their components. Compiled for each width of values.
 fn fill<const WIDTH: usize>(block: &mut CellBlock, pattern: &Pattern, values: &[Value]) {
     let mut bytes = vec![[0; WIDTH]; values.len()];
     for (bytes, value) in bytes.iter_mut().zip(values) {
@@ -288,7 +291,7 @@ fn fill<const WIDTH: usize>(block: &mut CellBlock, pattern: &Pattern, values: &[
     });
 }
 
-/// Paints the part of a box that lies in a block, whose cells are given by their place in its rows.
+/// Draws the intersection of a box with a block, whose cells are given by their index in its rows.
 fn paint(
     (bounds, block): (&Bounds, Bounds),
     width: usize,
@@ -314,7 +317,7 @@ fn paint(
     }
 }
 
-/// The node of some cells of a block with so many along an edge.
+/// Node of some cells in a block with `side` cells along an edge.
 fn node_of(block: &CellBlock, bounds: &Bounds, side: u64, width: usize, code: Code) -> Child<Code> {
     let index = |x: u64, y: u64, z: u64| ((z * side + y) * side + x) as usize;
     let value = |cell: usize| block.present[cell].then(|| &block.values[cell * width..][..width]);
@@ -351,7 +354,7 @@ impl Source for Regions {
     fn children(&self, node: &Code, children: &mut Children<Code>) -> Result<()> {
         for (step, child) in children[..self.header.form.children()].iter_mut().enumerate() {
             *child = match node.level() < self.cells.block_level() {
-                // (Whether a block is of one value does not matter to who builds it.)
+                // (Builders do not need to know whether a block is uniform.)
                 true => match self.units().at(node.child(step)) {
                     Standing::Block(_) => {
                         Child::Inner { representative: Value::ZERO, node: node.child(step) }

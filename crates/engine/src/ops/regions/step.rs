@@ -1,4 +1,4 @@
-//! The steps `components=4`, `sieve=100`, `sieve=5000m2,connect=8`.
+//! The operations `components=4`, `sieve=100`, `sieve=5000m2,connect=8`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,13 +7,13 @@ use spinney_base::space::Dimension;
 use spinney_base::{Error, Result};
 use spinney_crs::Frame;
 
-/// The neighbours that a cell hangs together with: the 4 of a quadtree's cell and the 6 of an octree's that it shares an edge or a face
-/// with, or all 8 or 26 around it.
+/// Connectivity: the neighbours that a cell is connected with. These are the 4 in a quadtree that
+/// share an edge, the 6 in an octree that share a face, or all 8 or 26 around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Connectivity(u8);
 
 impl Connectivity {
-    /// Those in a tree of this dimension: with `across`, also across corners (and edges).
+    /// Connectivity in a tree of this dimension; with `across`, also across corners (and edges).
     pub fn of(dimension: Dimension, across: bool) -> Connectivity {
         Connectivity(match (dimension, across) {
             (Dimension::Quad, false) => 4,
@@ -28,10 +28,10 @@ impl Connectivity {
         self.0
     }
 
-    /// Cells along the other axes that neighbours may be away.
+    /// Maximum distance of neighbours along the other axes, in cells.
     ///
     /// # Errors
-    /// If cells of trees of this dimension have not so many neighbours.
+    /// If the connectivity does not exist for this dimension.
     pub(super) fn reach(self, dimension: Dimension) -> Result<u32> {
         let numbers = [false, true].map(|across| Connectivity::of(dimension, across));
         let reach = numbers.iter().position(|number| *number == self);
@@ -60,14 +60,14 @@ impl fmt::Display for Connectivity {
     }
 }
 
-/// The size below which components go to a neighbour.
+/// Minimum size of components that are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Least {
     Cells(u64),
     SquareMetres(f64),
 }
 
-/// A sieve: components that are smaller than a size go to their largest neighbour.
+/// Sieve: merges components below a size into their largest neighbour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sieve {
     least: Least,
@@ -75,15 +75,16 @@ pub struct Sieve {
 }
 
 impl Sieve {
-    /// The neighbours that cells hang together with: those that they share an edge or a face with, unless others are asked for.
+    /// Maximum distance of neighbours along the other axes, in cells. Default connectivity: cells
+    /// that share an edge (in octrees a face).
     pub(super) fn reach(&self, dimension: Dimension) -> Result<u32> {
         self.connect.map_or(Ok(0), |connect| connect.reach(dimension))
     }
 
-    /// Cells that a component needs in order to stay.
+    /// Minimum number of cells of components that are kept.
     ///
     /// # Errors
-    /// If square metres are asked for and the frame does not tell those of a cell.
+    /// If the size is in square metres and the frame does not determine the area of a cell.
     pub(super) fn cells(&self, dimension: Dimension, frame: &Frame) -> Result<u64> {
         let metres = match self.least {
             Least::Cells(cells) => return Ok(cells),

@@ -1,4 +1,5 @@
-//! Goes through all cells of a view once, block by block in FD order, and tells what touches across the borders of blocks.
+//! Scan of all cells of a view, block by block in FD order, which reports what touches across the
+//! borders of blocks.
 
 use super::border::{Borders, Face, Run};
 use super::local::{Local, Pair};
@@ -12,25 +13,26 @@ use spinney_base::{Progress, Result, TreeType, parallel};
 /// Levels below a block of a quadtree, and of an octree.
 const BLOCK_LEVELS: [u8; 2] = [8, 6];
 
-/// Blocks at work at a time: at least and at most.
+/// Minimum and maximum number of concurrent blocks.
 const BATCH: [u64; 2] = [4, 64];
 
-/// About the bytes that a cell of a block at work takes, besides its value.
+/// Approximate bytes per cell of a block in progress, in addition to its value.
 const CELL_BYTES: u64 = 40;
 
-/// The cells of a view by which components are told.
+/// Cells of a view, with the criterion for components.
 #[derive(Clone)]
 pub(super) struct Cells {
     pub(super) view: View,
-    /// Of solids, whose cells are as full as their values say: what is full.
+    /// For solids, whose values store the fill level of cells: the criterion for full cells.
     pub(super) filling: Option<Filling>,
-    /// Cells along the other axes that a cell beside its own place touches: 0, or 1 across edges and corners, too.
+    /// Distance along the other axes at which a cell touches others: 0, or 1 to include edges and
+    /// corners.
     pub(super) reach: u32,
     /// Levels below a block.
     pub(super) block_levels: u8,
 }
 
-/// A node whose cells are looked at together.
+/// Node whose cells are read together.
 pub(super) struct Unit<'a> {
     pub(super) code: Code,
     pub(super) content: Content<'a>,
@@ -39,27 +41,29 @@ pub(super) struct Unit<'a> {
 pub(super) enum Content<'a> {
     /// Cells of one value.
     Uniform(Value),
-    /// The components of a block, and pairs of them that touch, if these are asked for.
+    /// Components of a block, and pairs of them that touch, if requested.
     Block(&'a Local, &'a [Pair]),
 }
 
-/// A taker of units and of their borders.
+/// Receiver of units and of their borders.
 pub(super) trait Sweeper {
-    /// Takes the next unit in FD order; the numbers that its components have from here on.
+    /// Receives the next unit in FD order; returns the numbers of its components.
     fn take(&mut self, unit: &Unit<'_>) -> Result<Vec<u64>>;
 
-    /// Takes two runs of cells of different units that touch, and how many faces of cells they have in common.
+    /// Receives two runs of cells in different units that touch, and the number of cell faces that
+    /// they share.
     fn meet(&mut self, a: &Run, b: &Run, faces: u64) -> Result<()>;
 }
 
 impl Cells {
-    /// All values as they are.
+    /// Cells that are compared by value.
     pub(super) fn values(view: View, reach: u32) -> Cells {
         let block_levels = BLOCK_LEVELS[usize::from(view.form().dimension == Dimension::Oct)];
         Cells { view, filling: None, reach, block_levels }
     }
 
-    /// Those of solids as full or VOID: by [`Rule::Occupancy`] cells are full if they are at least half full.
+    /// Cells of solids, as full or VOID: with [`Rule::Occupancy`], cells that are at least half
+    /// full are full.
     pub(super) fn bodies(view: View, reach: u32) -> Cells {
         let rule = view.source().header().rule;
         let filling = (rule == Rule::Occupancy).then(|| Filling::of(rule, view.form().value));
@@ -70,7 +74,7 @@ impl Cells {
         self.view.form()
     }
 
-    /// The level of blocks.
+    /// Level of blocks.
     pub(super) fn block_level(&self) -> u8 {
         self.view.depth().saturating_sub(self.block_levels)
     }
@@ -80,7 +84,7 @@ impl Cells {
         1 << (self.view.depth() - code.level())
     }
 
-    /// The value by which a cell belongs to a component.
+    /// Value that decides the component of a cell.
     fn seen(&self, value: Option<Value>) -> Option<Value> {
         match self.filling {
             None => value,
@@ -88,7 +92,7 @@ impl Cells {
         }
     }
 
-    /// The components of a block.
+    /// Components of a block.
     pub(super) fn local(&self, code: Code) -> Result<Local> {
         let (form, depth) = (self.form(), self.view.depth());
         let bounds = code.bounds(depth);
@@ -105,10 +109,11 @@ impl Cells {
         Ok(Local::new(form.dimension, depth - code.level(), width, (&values, &valid), self.reach))
     }
 
-    /// Hands all units that are not VOID to a sweeper, with the pairs of components that touch inside if it wants them.
+    /// Passes all units that are not VOID to a sweeper, with the pairs of components that touch
+    /// inside if requested.
     ///
     /// # Errors
-    /// If the tree is damaged, or on interruption.
+    /// If the tree is corrupt, or on cancellation.
     pub(super) fn sweep(
         &self,
         with_pairs: bool,
@@ -152,19 +157,19 @@ fn full() -> Value {
     Value::from([255u8])
 }
 
-/// A node that is no more gone into.
+/// Node that is not subdivided further.
 enum Found {
     Block,
     Uniform(Option<Value>),
 }
 
-/// A block that was looked at: its components, pairs of them, and what is at its border.
+/// Result of a block: its components, pairs of them, and its borders.
 type Made = Option<(Local, Vec<Pair>, Borders)>;
 
 struct Walk<'a> {
     cells: &'a Cells,
     with_pairs: bool,
-    /// Nodes whose siblings are still to come, in FD order.
+    /// Nodes that wait for their siblings, in FD order.
     stack: Vec<(Code, Borders)>,
     sweeper: &'a mut dyn Sweeper,
     progress: &'a dyn Progress,
@@ -206,10 +211,10 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Adds the borders of the next node, and joins those whose siblings are all there.
+    /// Adds the borders of the next node, and joins nodes whose siblings are complete.
     fn push(&mut self, mut code: Code, mut borders: Borders) -> Result<()> {
         let children = self.cells.form().children();
-        // Nothing is beyond the border of the picture.
+        // There are no cells beyond the extent.
         let (bounds, extent) = (code.bounds(self.cells.view.depth()), self.cells.view.extent());
         for (axis, [low, high]) in borders.faces.iter_mut().enumerate() {
             if bounds.min[axis] == 0 {
@@ -233,7 +238,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Joins the children of a node, each of so many cells along an edge.
+    /// Joins the children of a node, each with `side` cells along an edge.
     fn merge(&mut self, mut nodes: Vec<Borders>, side: u32) -> Result<Borders> {
         let mut result = Ok(());
         let (sweeper, reach) = (&mut *self.sweeper, self.cells.reach);

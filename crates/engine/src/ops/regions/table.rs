@@ -1,4 +1,5 @@
-//! A table of labels: size, box and neighbours of each, of the labels that cells have or of components that are counted.
+//! Table of labels: size, box and neighbours of each, for labels that are values of cells or
+//! components.
 
 use std::path::{Path, PathBuf};
 
@@ -15,26 +16,28 @@ use spinney_base::value::{Number, Numbers, SampleType, Value, ValueType};
 use spinney_base::{Error, Progress, Result, SubProgress};
 use zerocopy::{FromBytes, Immutable, IntoBytes};
 
-/// Units of a pass over all cells, for the progress.
+/// Progress units of a pass over all cells.
 const PASS: u64 = 1 << 32;
 
-/// Labels of a tree that are wanted.
+/// Request for the labels of a tree.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LabelRequest {
-    /// The cells of a label: those of equal value that hang together with so many neighbours, whose labels count from 1 as those that the step
-    /// `components=` makes; if it is not given, all cells of equal value, whose label the value is.
+    /// Connectivity of components: a label is then a connected component of cells of equal value,
+    /// numbered from 1 as by `components=`. If `None`, all cells of equal value have that value as
+    /// label.
     pub connect: Option<Connectivity>,
-    /// Whether neighbours are wanted.
+    /// Whether neighbours are requested.
     pub neighbours: bool,
-    /// Bytes to hold at a time, approximately.
+    /// Approximate memory limit in bytes.
     pub memory: u64,
-    /// Where temporary files are made if labels need more memory than that; the system's folder for such files if it is not given.
+    /// Directory for temporary files, in case labels exceed the memory limit; by default the
+    /// system's.
     pub folder: Option<PathBuf>,
 }
 
 impl LabelRequest {
-    /// The values of cells as labels, with neighbours, with 64 MiB of memory.
+    /// Request for the values of cells as labels, with neighbours, with 64 MiB of memory.
     pub fn new() -> LabelRequest {
         LabelRequest { connect: None, neighbours: true, memory: 64 << 20, folder: None }
     }
@@ -50,23 +53,23 @@ impl Default for LabelRequest {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LabelSummary {
-    /// Labels.
+    /// Number of labels.
     pub count: u64,
-    /// Their cells.
+    /// Number of cells that have them.
     pub cells: u64,
 }
 
-/// A label beside another one.
+/// Label that is adjacent to another one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct LabelNeighbour {
     /// The label.
     pub label: Number,
-    /// Edges of cells that the two have in common; faces, in octrees.
+    /// Number of cell edges that the two share; faces, in octrees.
     pub faces: u64,
 }
 
-/// Cells of a label.
+/// Label with a description of its cells.
 pub struct Label<'a> {
     row: LabelRow,
     first: [u64; 3],
@@ -81,8 +84,8 @@ impl Label<'_> {
         self.names.number(self.row.label)
     }
 
-    /// The value that all cells of a component have, if components are counted; not of solids, whose components are of cells that are at least
-    /// half full.
+    /// Value of all cells of a component, if components are counted. Not available for solids,
+    /// whose components consist of cells that are at least half full.
     pub fn class(&self) -> Option<Numbers> {
         self.value.map(|value| value.numbers(self.row.value()))
     }
@@ -92,17 +95,17 @@ impl Label<'_> {
         self.row.cells
     }
 
-    /// The smallest box around them.
+    /// Bounding box of its cells.
     pub fn bounds(&self) -> Bounds {
         Bounds { min: self.row.min.map(u64::from), max: self.row.max.map(u64::from) }
     }
 
-    /// The first of its cells in FD order.
+    /// First of its cells in FD order.
     pub fn first_cell(&self) -> [u64; 3] {
         self.first
     }
 
-    /// The next of the labels that it has edges (in octrees faces) of cells in common with, in order.
+    /// Next of the labels, in order, with which it shares edges (in octrees faces) of cells.
     ///
     /// # Errors
     /// If a temporary file cannot be read.
@@ -116,10 +119,10 @@ impl Label<'_> {
     }
 }
 
-/// Takes labels as they come.
+/// Receives labels in order.
 pub type LabelVisitor<'a> = dyn FnMut(&mut Label<'_>) -> Result<()> + 'a;
 
-/// Meaning of the numbers by which labels are told apart and sorted.
+/// How label numbers map to sort keys.
 #[derive(Clone, Copy)]
 enum Names {
     Unsigned,
@@ -141,7 +144,7 @@ impl Names {
             (Names::Unsigned, Number::Unsigned(number)) => number,
             (Names::Signed, Number::Unsigned(number)) => number | 1 << 63,
             (Names::Signed, Number::Signed(number)) => number as u64 ^ 1 << 63,
-            // (Of floating samples alone.)
+            // (Only for floating-point samples.)
             (_, number) => float_key(number.to_f64()),
         }
     }
@@ -159,13 +162,13 @@ impl Names {
     }
 }
 
-/// Cells of a label, in some block or in all of them.
+/// Cells of a label, in one block or in all of them.
 #[derive(Clone, Copy, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 struct LabelRow {
     label: u64,
     cells: u64,
-    /// Place of the first cell in Z order.
+    /// Index of the first cell in Z order.
     first: u64,
     min: [u32; 3],
     max: [u32; 3],
@@ -193,7 +196,7 @@ impl Row for LabelRow {
     }
 }
 
-/// Faces of cells that a label has in common with another.
+/// Number of cell faces that a label shares with another.
 #[derive(Clone, Copy, FromBytes, IntoBytes, Immutable)]
 #[repr(C)]
 struct TouchRow {
@@ -284,11 +287,11 @@ impl Sweeper for Collector<'_> {
     }
 }
 
-/// Finds the labels of a view's cells, and hands them out in order.
+/// Finds the labels of a view's cells, and passes them to `each` in order.
 ///
 /// # Errors
-/// If labels are to be values and these have several channels, cells of such trees have not so many neighbours, the tree is damaged, a
-/// temporary file fails, `each` does, or on interruption.
+/// If labels are values and these have several channels, the connectivity does not exist for this
+/// dimension, the tree is corrupt, a temporary file or `each` fails, or on cancellation.
 pub(crate) fn find_labels(
     view: &View,
     request: &LabelRequest,
@@ -308,7 +311,7 @@ pub(crate) fn find_labels(
     table_of(&cells, request, progress, each)
 }
 
-/// Hands out the labels of cells that are told apart in any way, as [`labels`] does those of a view.
+/// Passes the labels of `cells` to `each`, as [`find_labels`] does for a view.
 pub(super) fn table_of(
     cells: &Cells,
     request: &LabelRequest,

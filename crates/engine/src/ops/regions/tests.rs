@@ -1,4 +1,4 @@
-//! Labels and sieves against a naive model: floods of cells, one by one.
+//! Labels and sieves against a naive model: flood fills, cell by cell.
 
 mod table;
 
@@ -26,7 +26,7 @@ impl Random {
     }
 }
 
-/// A tree and its cells in Z order.
+/// Tree and its cells in Z order.
 struct Model {
     form: TreeType,
     depth: u8,
@@ -66,7 +66,7 @@ impl Model {
         View::whole(self.tree().into()).unwrap()
     }
 
-    /// Cells beside a cell.
+    /// Neighbours of a cell.
     fn around(&self, path: usize, reach: u32) -> Vec<usize> {
         let cell =
             Code::from_path(self.form.dimension, self.depth, path as u64).unwrap().cell().map(i64::from);
@@ -189,7 +189,8 @@ fn labels_are_those_of_a_flood() {
 fn labels_go_on_across_blocks() {
     let byte = form(QUAD, SampleType::U8);
     let value = |class: u32| Some(Value::from([class as u8]));
-    // Rings in rings, which are cut by all borders of blocks, joined to a spiral where they pass the diagonal.
+    // Nested rings that cross all borders of blocks, joined to a spiral where they pass the
+    // diagonal.
     let spiral = |[x, y, _]: [u32; 3]| {
         let ring = x.min(y).min(255 - x).min(255 - y);
         let ring = if x + 1 == y && x < 128 { ring + 1 } else { ring };
@@ -199,7 +200,7 @@ fn labels_go_on_across_blocks() {
     let holes = |[x, y, _]: [u32; 3]| (x % 7 > 0 || y % 5 > 0).then(|| Value::from([0u8]));
     check_labels(&Model::new(byte, 8, &mut { spiral }), 1, 7, u64::MAX);
     check_labels(&Model::new(byte, 7, &mut { board }), 0, 6, u64::MAX);
-    // (As many components as a block can have, whose numbers take four bytes.)
+    // (The maximum number of components in a block, whose numbers take four bytes.)
     check_labels(&Model::new(byte, 8, &mut { board }), 0, 8, u64::MAX);
     check_labels(&Model::new(byte, 8, &mut { holes }), 1, 6, u64::MAX);
     let mut random = Random(7);
@@ -223,7 +224,7 @@ fn small_components_go_to_their_largest_neighbours() {
     }
 }
 
-/// A file of noise in some classes, 600 x 600 of 1024 x 1024 cells.
+/// File of noise in some classes, 600 x 600 of 1024 x 1024 cells.
 fn noisy_file(folder: &Path, name: &str) -> std::path::PathBuf {
     let byte = form(QUAD, SampleType::U8);
     let noise = |[x, y, _]: [u32; 3]| {
@@ -262,7 +263,7 @@ fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
         let expected = made(&goblin, steps, 256 << 20);
         assert!(made(&goblin, steps, little) == expected, "{steps:?}");
     }
-    // (What is told of where it comes from has the files' names, which are of one length.)
+    // (The provenance contains the files' names, which have the same length.)
     let autumnal = noisy_file(folder.path(), "noise.autumn");
     let labels = |path: &Path| {
         made(path, &["components=4"], 1 << 20);
@@ -271,7 +272,7 @@ fn bytes_do_not_depend_on_memory_nor_labels_on_the_format() {
         MemTree::from_source(&View::whole(file.into()).unwrap(), Rule::Nearest).unwrap()
     };
     let (a, b) = (labels(&goblin), labels(&autumnal));
-    // (Looking cell by cell is slow: every seventh.)
+    // (Reading cell by cell is slow: every seventh.)
     assert!((0..1 << 20).step_by(7).all(|path| {
         let code = Code::from_path(QUAD, 10, path).unwrap();
         a.value_at(code) == b.value_at(code)
@@ -290,12 +291,12 @@ fn labels_come_from_rotated_views_as_from_files_of_them() {
     let labels = folder.path().join("labels.goblin");
     std::fs::rename(folder.path().join("made.goblin"), &labels).unwrap();
     let step_by_step = made(&labels, &["window=100,50,300,300"], 64 << 20);
-    // (But for the provenance, at the end.)
+    // (Except for the provenance, at the end.)
     let same = at_once.iter().zip(&step_by_step).take_while(|(a, b)| a == b).count();
     assert!(same > at_once.len() / 2, "{same} of {}", at_once.len());
 }
 
-/// Asks to stop after some questions.
+/// Requests cancellation after a number of checks.
 struct Stops(std::sync::atomic::AtomicU64, u64);
 
 impl Progress for Stops {
@@ -348,7 +349,7 @@ fn what_cannot_be_done_is_said() {
     ] {
         assert!(wrong.parse::<crate::ops::ViewStep>().is_err(), "{wrong}");
     }
-    // More components than there is memory for.
+    // More components than memory can hold.
     let model = Model::random(form(QUAD, SampleType::U8), 8, &mut random);
     let board = Model::new(model.form, 8, &mut |[x, y, _]| Some(Value::from([((x ^ y) & 1) as u8])));
     let error =
@@ -399,7 +400,7 @@ fn numbers_beyond_memory_come_back_from_the_file() {
         }
     }
     assert!((0..words.len()).all(|at| words.get(at).unwrap() == expected[at as usize]));
-    // (It has no name.)
+    // (The file has no name.)
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 

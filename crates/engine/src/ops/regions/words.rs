@@ -1,4 +1,4 @@
-//! Lists of numbers that go to a temporary file where they are longer than memory.
+//! Lists of numbers that are paged to a temporary file if they exceed a memory limit.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -7,18 +7,19 @@ use spinney_base::io::platform::{read_exact_at, write_all_at};
 use spinney_base::{Error, Result};
 use zerocopy::IntoBytes;
 
-/// Numbers of a page.
+/// Numbers per page.
 const PAGE: u64 = 8192;
 
-/// A list of numbers in pages, of which so many are in memory and all others in a temporary file without a name.
+/// List of numbers in pages, of which a limited number is in memory and all others in an unnamed
+/// temporary file.
 pub(super) struct Words {
     folder: PathBuf,
     file: Option<File>,
     pages: Vec<Page>,
-    /// Pages in memory, and as many as there may be.
+    /// Number of pages in memory, and their maximum.
     held: usize,
     most: usize,
-    /// Where to look for the next page to put away.
+    /// Clock hand: where the search for the next page to evict starts.
     hand: usize,
     len: u64,
 }
@@ -31,7 +32,7 @@ struct Page {
 }
 
 impl Words {
-    /// An empty list that may take about so many bytes of memory; the temporary file will be in this folder.
+    /// Empty list that may use about `memory` bytes; the temporary file is created in `folder`.
     pub(super) fn new(folder: &Path, memory: u64) -> Words {
         let most = (memory / (8 * PAGE)).max(4) as usize;
         Words { folder: folder.into(), file: None, pages: Vec::new(), held: 0, most, hand: 0, len: 0 }
@@ -56,7 +57,7 @@ impl Words {
         self.set(self.len - 1, word)
     }
 
-    /// The number at a place, which there must be.
+    /// Number at an index, which must exist.
     ///
     /// # Errors
     /// If the temporary file cannot be read or written.
@@ -65,7 +66,7 @@ impl Words {
         Ok(self.page(at, false)?[(at % PAGE) as usize])
     }
 
-    /// Changes the number at a place, which there must be.
+    /// Changes the number at an index, which must exist.
     ///
     /// # Errors
     /// If the temporary file cannot be read or written.
@@ -98,7 +99,8 @@ impl Words {
         Ok(())
     }
 
-    /// Puts a page away that has not been used since the last time it was looked at, if there are as many as there may be.
+    /// Evicts a page that has not been used since the last check (clock algorithm), if the maximum
+    /// is reached.
     fn make_room(&mut self) -> Result<()> {
         while self.held >= self.most {
             self.hand = (self.hand + 1) % self.pages.len();

@@ -1,4 +1,4 @@
-//! Values of areas: source cells by the exact area that a target cell covers of each.
+//! Values of areas: source cells weighted by the exact area that a target cell covers of each.
 
 use smallvec::SmallVec;
 
@@ -8,13 +8,14 @@ use super::window::{Window, floor};
 use crate::tree::CellBlock;
 use spinney_base::value::{Rule, Value};
 
-/// A source cell by its index in the window, and the area of it that is covered.
+/// Source cell, by its index in the window, and its covered area.
 type Share = (usize, f64);
 
-/// Areas that differ by less than this part of the cell are equal: they differ by rounding alone.
+/// Relative tolerance of areas, as a fraction of the cell: smaller differences are rounding errors.
 const TINY: f64 = 1e-9;
 
-/// Gives each cell the mean of the source cells that it covers, or the value that covers most of it. `lattice` has the cells' corners.
+/// Sets each cell to the mean of the source cells that it covers, or to the value with the largest
+/// area. `lattice` has the cells' corners.
 pub(super) fn cover(
     window: &Window,
     lattice: &Lattice,
@@ -78,7 +79,8 @@ pub(super) fn cover(
     }
 }
 
-/// The cells along one axis that each interval between two places covers: the first, and how much of each.
+/// Cells along one axis that an interval between two positions covers: the first, and the covered
+/// length of each.
 pub(super) type Span = (i64, SmallVec<[f64; 4]>);
 
 fn spans(places: &[f64]) -> Vec<Span> {
@@ -96,17 +98,18 @@ fn spans(places: &[f64]) -> Vec<Span> {
     places.windows(2).map(span).collect()
 }
 
-/// Runs of columns of a window that are alike in some of its rows: a rectangle within one needs no areas.
+/// Runs of window columns that are uniform over some rows: a rectangle within one run needs no
+/// areas.
 #[derive(Default)]
 struct Runs {
-    /// For each column of the window whether it has one value, or none, in all of the rows.
+    /// For each column of the window, whether all of the rows have one value, or all are VOID.
     is_one: Vec<bool>,
-    /// For each column the number of its run.
+    /// For each column, the index of its run.
     run: Vec<u32>,
 }
 
 impl Runs {
-    /// Whether a rectangle that is alike all over has that value, to the last bit.
+    /// Whether a rectangle of one value gets exactly that value.
     fn settle(window: &Window, rule: Rule) -> bool {
         match rule {
             Rule::Occupancy => false,
@@ -115,7 +118,7 @@ impl Runs {
         }
     }
 
-    /// Finds the runs in the rows that are covered.
+    /// Finds the runs in the covered rows.
     fn find(&mut self, window: &Window, (top, rows): &Span) {
         self.run.clear();
         let [columns, height] = window.size;
@@ -134,7 +137,7 @@ impl Runs {
         for (other, other_valid) in (1..rows.len()).map(row) {
             let same_valid = valid.iter().zip(other_valid).map(|(is, was)| is == was);
             let settled = self.is_one.iter_mut().zip(same_valid.zip(valid));
-            // (Single bytes, as classes have, are most of what there is.)
+            // (Single bytes, as classes have, are the most frequent type.)
             if width == 1 {
                 for ((is_one, (same, is)), (a, b)) in settled.zip(values.iter().zip(other)) {
                     *is_one &= same & ((a == b) | !is);
@@ -163,8 +166,8 @@ impl Runs {
         }
     }
 
-    /// The value of the cells that a rectangle covers in the rows, `Some(None)` if none has one; `None` if they are not alike, or not all
-    /// in the window.
+    /// Value of the cells that a rectangle covers in the rows, `Some(None)` if all are VOID; `None`
+    /// if they differ, or reach beyond the window.
     fn uniform<'w>(&self, window: &'w Window, (left, columns): &Span, top: i64) -> Option<Option<&'w [u8]>> {
         let first = usize::try_from(left - window.origin[0]).ok()?;
         let last = first + columns.len().checked_sub(1)?;
@@ -186,7 +189,8 @@ fn rectangle(window: &Window, (left, columns): &Span, (top, rows): &Span, shares
     columns.iter().sum::<f64>() * rows.iter().sum::<f64>()
 }
 
-/// Areas of cells inside a polygon, by what its edges leave to their right in each row, as renderers of fonts do.
+/// Areas of cells inside a polygon, by accumulating signed coverage of its edges from left to right
+/// in each row, as font rasterizers do.
 #[derive(Default)]
 struct Outline {
     areas: Vec<f64>,
@@ -206,7 +210,7 @@ impl Outline {
             )
         };
         let ((left, right), (top, bottom)) = (range(0), range(1));
-        // (The window has all of it, but for what lies beyond the source.)
+        // (The window contains the whole quadrangle, except for what lies beyond the source.)
         let first = [floor(left).max(window.origin[0]), floor(top).max(window.origin[1])];
         let end = [0, 1].map(|axis| {
             let last = floor([right, bottom][axis]) + 1;
@@ -216,7 +220,7 @@ impl Outline {
             return 0.0;
         }
         let (columns, rows) = ((end[0] - first[0]) as usize, (end[1] - first[1]) as usize);
-        // One column more for what edges in the last one leave behind it.
+        // One extra column for what edges in the last column add after it.
         let stride = columns + 2;
         self.areas.clear();
         self.areas.resize(stride * rows, 0.0);
@@ -227,7 +231,7 @@ impl Outline {
         for (i, from) in inside.iter().enumerate() {
             self.edge(stride, *from, inside[(i + 1) % 4]);
         }
-        // (Of the quadrangle by the cross product of its diagonals.)
+        // (Area of the quadrangle, by the cross product of its diagonals.)
         let across = |from: usize, to: usize| [0, 1].map(|axis| corners[to][axis] - corners[from][axis]);
         let (down, up) = (across(0, 2), across(1, 3));
         let tiny = TINY * ((down[0] * up[1] - down[1] * up[0]) / 2.0).abs().min(1.0);
@@ -245,8 +249,8 @@ impl Outline {
         whole
     }
 
-    /// Adds what an edge changes from each cell to the next: the height that it has in the cell's row, less the part of
-    /// the cell to the left of it.
+    /// Adds the changes of an edge from each cell to the next: the edge's height in the cell's row,
+    /// minus the part of the cell to the left of it.
     fn edge(&mut self, stride: usize, from: [f64; 2], to: [f64; 2]) {
         if from[1] == to[1] {
             return;
@@ -265,7 +269,8 @@ impl Outline {
                 areas[first] += sign * height - left;
                 areas[first + 1] += left;
             } else {
-                // The edge's height in each cell that it crosses, and how much of that cell lies to the left.
+                // Height of the edge in each cell that it crosses, and the part of that cell to its
+                // left.
                 let per_cell = sign * height / (high - low);
                 for cell in first..=last {
                     let (enter, leave) = (low.max(cell as f64), high.min(cell as f64 + 1.0));
@@ -287,7 +292,7 @@ struct Sums {
 }
 
 impl Sums {
-    /// The value of some shares of an area, by a rule.
+    /// Value of an area's shares by a rule.
     fn value(&mut self, window: &Window, shares: &[Share], whole: f64, rule: Rule) -> Value {
         let (value_type, width) = (window.value, window.value.size());
         let value_at = |index: usize| Value::from_bytes(&window.bytes[index * width..(index + 1) * width]);
@@ -301,8 +306,8 @@ impl Sums {
                     None => self.values.push((value, *area)),
                 }
             }
-            // Areas that differ by rounding alone are equal; the value that was met first wins, row by row of the source: so none
-            // is preferred for its number.
+            // Areas that differ by rounding errors only are equal. The first value in row order of
+            // the source wins, so that no value is preferred for its number.
             let most = self.values.iter().map(|(_, area)| *area).fold(0.0, f64::max);
             return self
                 .values
@@ -310,7 +315,7 @@ impl Sums {
                 .find(|(_, area)| *area >= most * (1.0 - TINY))
                 .map_or(first, |(value, _)| *value);
         }
-        // (A mean does not depend on where numbers are counted from; a sum does.)
+        // (A mean does not depend on the origin of its numbers; a sum does.)
         let base = if rule == Rule::Mean { first } else { Value::ZERO };
         let (mut sums, mut areas) = ([0.0; 4], [0.0; 4]);
         for (index, area) in shares {
@@ -326,7 +331,7 @@ impl Sums {
         let raw = value_type.samples_from(base, first);
         value_type.nearest_from(base, |channel| {
             let area = if rule == Rule::Occupancy { whole } else { areas[channel] };
-            // (A sample that is missing everywhere stays what it is.)
+            // (A sample that is missing everywhere is left unchanged.)
             if areas[channel] == 0.0 {
                 return raw[channel];
             }

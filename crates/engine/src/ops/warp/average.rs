@@ -6,10 +6,12 @@ use super::window::Window;
 use crate::tree::CellBlock;
 use spinney_base::value::{Sample, with_sample_type};
 
-/// Gives each cell between lines of columns and rows the mean of the source cells that it covers, if all of them are in the window and
-/// have all their samples; other cells stay VOID. Rows are added up along columns first, as vectors.
+/// Sets each cell between lines of columns and rows to the mean of the source cells that it covers,
+/// if all of them are in the window and have all their samples; other cells stay VOID. Rows are
+/// summed along columns first, vectorized.
 ///
-/// Samples of 64 bits stay, too: their sums may not be exact where all cells are equal.
+/// Cells with samples of 64 bits stay VOID, too: their sums may not be exact where all cells are
+/// equal.
 pub(super) fn average(window: &Window, columns: &[Span], rows: &[Span], block: &mut CellBlock) {
     let sample = window.value.sample;
     if sample.size() >= size_of::<u64>() || window.valid.is_empty() {
@@ -18,7 +20,7 @@ pub(super) fn average(window: &Window, columns: &[Span], rows: &[Span], block: &
     let numbers = with_sample_type!(sample, S => Samples::<S>::new(window).numbers());
     let (bytes_each, width) = (window.value.size(), columns.len());
     let [stride, height] = window.size;
-    // Of each cell the first column in the window, and the parts of columns that it covers.
+    // For each cell, the first column in the window, and the fractions of columns that it covers.
     let along: Vec<(usize, &[f64], f64)> = columns
         .iter()
         .map(|(left, parts)| {
@@ -44,7 +46,7 @@ pub(super) fn average(window: &Window, columns: &[Span], rows: &[Span], block: &
         for (means, sums) in means.chunks_exact_mut(width).zip(sums.chunks_exact(stride)) {
             for (mean, (first, parts, along)) in means.iter_mut().zip(&along) {
                 let sums = sums[*first..][..parts.len()].iter();
-                // (The mean is NaN if a sample is missing, and of no columns.)
+                // (The mean is NaN if a sample is missing, or if there are no columns.)
                 *mean = sums.zip(*parts).map(|(sum, part)| sum * part).sum::<f64>() / (along * down);
             }
         }
@@ -54,7 +56,7 @@ pub(super) fn average(window: &Window, columns: &[Span], rows: &[Span], block: &
     }
 }
 
-/// Stores the means of a row, of one channel after the other, but for cells of which one is NaN.
+/// Stores the means of a row, given channel by channel, except for cells with a NaN.
 fn store<S: Sample>(means: &[f64], values: &mut [u8], present: &mut [bool]) {
     let (width, size) = (present.len(), S::TYPE.size());
     let cells = values.chunks_exact_mut(means.len() / width * size).zip(present);

@@ -7,11 +7,12 @@ use spinney_base::io::Output;
 use spinney_base::value::ZoneStats;
 use spinney_base::{Progress, Result};
 
-/// Writes a warped tree to a file, in the format that the output's name asks for; returns the tally of its cells. Of `how`
-/// the memory, the time, the packing and whether equal subtrees are stored once count; all else is the tree's own.
+/// Writes a warped tree to a file, in the format of the output's name; returns the tally of its
+/// cells. Of `how`, only memory, time, packing and sharing of equal subtrees apply; all other
+/// options are the tree's own.
 ///
 /// # Errors
-/// If the source is damaged, the output cannot be written, or on interruption.
+/// If the source is corrupt, the output cannot be written, or on cancellation.
 pub fn warp(
     warped: Warped,
     how: &BuildOptions,

@@ -1,4 +1,5 @@
-//! Grids in other coordinate systems, as fine as a raster is: where its data land, or that of web maps.
+//! Grids in other coordinate systems, at the resolution of a raster: where its data land, or that
+//! of web maps.
 
 use std::fmt;
 use std::str::FromStr;
@@ -11,29 +12,30 @@ use spinney_base::space::{Bounds, Dimension};
 use spinney_base::{Error, Result};
 use spinney_crs::{Crs, Frame, web_mercator};
 
-/// A coordinate system that a raster is to be brought to, and how.
+/// Coordinate system to which a raster is to be warped, with options.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpTarget {
-    /// The system.
+    /// Coordinate system.
     pub crs: Crs,
-    /// Width of a cell, in the system's unit; as large as the raster's in its middle if not given.
+    /// Width of a cell, in the system's unit. Default: as large as the raster's cell in its middle.
     pub cell: Option<f64>,
-    /// The way of resampling, if it is not that of [`WarpOptions`](super::WarpOptions).
+    /// Resampling, if it differs from that of [`WarpOptions`](super::WarpOptions).
     pub resampling: Option<Resampling>,
 }
 
 /// Levels of a tile of 256 x 256 cells.
 const TILE_LEVELS: u8 = 8;
 
-/// The deepest zoom of web maps whose tiles trees can have.
+/// Maximum zoom of web maps whose tiles trees can hold.
 pub const MAX_ZOOM: u8 = Dimension::Quad.max_depth() - TILE_LEVELS;
 
 impl WarpGrid {
-    /// The world in web mercator as the root, with tiles of 256 x 256 cells at a zoom; without one at the zoom whose cells are
-    /// closest in size to those of a raster with this frame and extent, in its middle.
+    /// Grid with the world in web mercator as the root, and tiles of 256 x 256 cells at a zoom.
+    /// Without a zoom, uses the one whose cells are closest in size to those of a raster with this
+    /// frame and extent, in its middle.
     ///
     /// # Errors
-    /// If the zoom is deeper than trees are, or the raster has no place in the world.
+    /// If the zoom exceeds the maximum, or the raster has no position in the world.
     pub fn web_mercator(
         max_zoom: Option<u8>,
         frame: &Frame,
@@ -53,10 +55,11 @@ impl WarpGrid {
 }
 
 impl WarpTarget {
-    /// Splits the text of a target, `DEF,cell=WIDTH,resampling=WAY`, into the definition of the system and what else is said.
+    /// Splits the string of a target, `DEF,cell=WIDTH,resampling=WAY`, into the system's definition
+    /// and the options.
     ///
     /// # Errors
-    /// If the cell is no width, or there is no such way of resampling.
+    /// If the cell width is invalid, or the resampling is unknown.
     pub fn split(text: &str) -> Result<(&str, Option<f64>, Option<Resampling>)> {
         let (mut definition, mut cell, mut resampling) = (text, None, None);
         while let Some((before, last)) = definition.rsplit_once(',') {
@@ -75,11 +78,12 @@ impl WarpTarget {
         Ok((definition, cell, resampling))
     }
 
-    /// The grid of square cells that some cells of a raster with this frame and extent land on: its corners are multiples of the
-    /// cell's width.
+    /// Grid of square cells on which some cells of a raster with this frame and extent land. Its
+    /// corners are multiples of the cell width.
     ///
     /// # Errors
-    /// If a system cannot be computed, nothing lands anywhere, or the grid is larger than trees are.
+    /// If a system cannot be computed, nothing lands anywhere, or the grid exceeds the maximum size
+    /// of trees.
     pub(crate) fn grid(
         &self,
         frame: &Frame,
@@ -98,7 +102,7 @@ impl WarpTarget {
         let Landing { low, high, unit } = landing.ok_or_else(nowhere)?;
         let cell = self.cell.unwrap_or(unit);
         let most = 1u64 << Dimension::Quad.max_depth();
-        // (Corners that are a rounding error beyond a line lie on it.)
+        // (Corners that exceed a line by a rounding error are on it.)
         let first = [0, 1].map(|axis| (low[axis] / cell + 1e-6).floor());
         let last = [0, 1].map(|axis| (high[axis] / cell - 1e-6).ceil());
         let cells = [0, 1].map(|axis| (last[axis] - first[axis]).max(1.0));
@@ -113,8 +117,8 @@ impl WarpTarget {
     }
 }
 
-/// The box of cells of a grid in which some cells of a raster with another frame land, as numbers with fractions; the two are in different
-/// coordinate systems.
+/// Box of a grid's cells, with fractions, in which some cells of a raster in another coordinate
+/// system land.
 ///
 /// # Errors
 /// If a system cannot be computed, or nothing lands anywhere.
@@ -164,7 +168,7 @@ impl fmt::Display for WarpTarget {
 fn closest_zoom(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result<u8> {
     let deepest = MAX_ZOOM + TILE_LEVELS;
     let map = CellMap::new(&web_mercator(deepest), frame, extent[0], allow_ballpark)?;
-    // The middle, or else another place that the map of the world has.
+    // The middle, or else another position that exists on the world map.
     let places = [(0.5, 0.5), (0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25), (0.1, 0.5), (0.9, 0.5)];
     let mut ratios = places.into_iter().filter_map(|(u, v)| {
         let place = map.to_target([extent[0] as f64 * u, extent[1] as f64 * v])?;
@@ -174,7 +178,7 @@ fn closest_zoom(frame: &Frame, extent: [u64; 3], allow_ballpark: bool) -> Result
         let expected = "one that web mercator has, from 85 degrees south to 85 degrees north";
         Error::invalid("place of the raster", "another one, or none", expected)
     })?;
-    // A deepest cell has so many source cells along a side.
+    // Number of source cells along a side of a cell at the maximum zoom.
     let zoom = f64::from(MAX_ZOOM) + ratio.log2();
     Ok(zoom.round().clamp(0.0, MAX_ZOOM.into()) as u8)
 }
@@ -196,7 +200,8 @@ mod tests {
 
     #[test]
     fn the_world_is_clipped_to_areas_of_use() {
-        // Of polar stereographic projections the hemisphere: two radii of the equator, 12,367 km (true to scale at 70 and 71 degrees).
+        // In polar stereographic projections, the hemisphere: two radii of the equator, 12,367 km
+        // (true to scale at 70 and 71 degrees).
         for (epsg, cells) in
             [(3413, [248; 2]), (3031, [250; 2]), (3995, [252; 2]), (3857, [402; 2]), (6933, [348, 148])]
         {
@@ -208,17 +213,19 @@ mod tests {
                 assert!(middle.iter().all(|middle| middle.abs() <= 3e5), "{epsg}: {middle:?}");
             }
         }
-        // Within 60 degrees of the meridian, and of conic projections far from the other pole.
+        // Within 60 degrees of the meridian, and for conic projections far from the other pole.
         for (epsg, most) in [(32633, 250), (3034, 500), (2154, 500), (27700, 250), (31467, 250)] {
             let (found, _) = cells_of_world(epsg, false);
             assert!(found.iter().all(|cells| *cells <= most), "{epsg}: {found:?}");
         }
-        // All of the world: two diameters of the earth across, and what curves may reach beyond the last position before the antipode.
+        // The whole world: two diameters of the earth across, plus what curves may exceed the last
+        // position before the antipode.
         let (found, _) = cells_of_world(3035, false);
         assert!(found.iter().all(|cells| (255..400).contains(cells)), "{found:?}");
     }
 
-    /// Data within the area have the grid that they have without it, and those wholly beyond it, too.
+    /// Data within the area of use get the same grid as without the limit, and so do data wholly
+    /// beyond it.
     #[test]
     fn data_on_one_side_are_not_clipped() {
         let frame = Frame::planar([0.1, 0.0, -80.0, 0.0, -0.1, -20.0]);

@@ -6,7 +6,7 @@ use super::window::{Window, floor};
 use crate::tree::CellBlock;
 use spinney_base::value::{Mask, Sample, with_sample_type};
 
-/// Interpolates at the places of a lattice: linearly, or by cubic convolution.
+/// Interpolates at the positions of a lattice: bilinear, or by cubic convolution.
 pub(super) fn interpolate(
     window: &Window,
     lattice: &Lattice,
@@ -54,7 +54,7 @@ fn interpolate_samples<S: Sample>(
     }
 }
 
-/// Numbers of a window, NaN where there is none: rows of one channel after the other.
+/// Numbers of a window, NaN where there is none: rows, channel by channel.
 struct Grid {
     /// First column and row.
     origin: [i64; 2],
@@ -63,7 +63,7 @@ struct Grid {
     numbers: Vec<f64>,
 }
 
-/// Neighbours along an axis that count for a place: the first one's index, and their weights.
+/// Neighbours along an axis that contribute to a position: index of the first, and weights.
 #[derive(Clone, Copy)]
 struct Taps<const N: usize> {
     first: usize,
@@ -71,7 +71,7 @@ struct Taps<const N: usize> {
 }
 
 impl<const N: usize> Taps<N> {
-    /// The weighted sum of the neighbours in a row.
+    /// Weighted sum of the neighbours in a row.
     #[inline]
     fn sum(&self, row: &[f64]) -> f64 {
         row[self.first..][..N].iter().zip(self.weights).map(|(number, weight)| number * weight).sum()
@@ -79,9 +79,10 @@ impl<const N: usize> Taps<N> {
 }
 
 impl Grid {
-    /// Sums up the `N` neighbours along each axis of the places of a lattice, with weights for a place so far behind the first one of
-    /// the middle pair. Hands out rows of sums, of one channel after the other, which are NaN where a neighbour is, or there is no
-    /// place.
+    /// Convolves the `N` neighbours along each axis of the lattice's positions. `weights` gets the
+    /// offset of a position from the first neighbour of the middle pair. Passes rows of sums to
+    /// `store`, channel by channel, which are NaN where a neighbour is, or the position is
+    /// undefined.
     fn convolve<const N: usize>(
         &self,
         lattice: &Lattice,
@@ -91,7 +92,7 @@ impl Grid {
     ) {
         let taps = |place: f64, axis: usize| {
             let place = place - 0.5 - self.origin[axis] as f64 - (N / 2 - 1) as f64;
-            // (What has no place is NaN.)
+            // (An undefined position is NaN.)
             let first = place as usize;
             let is_inside = place >= 0.0 && first <= self.size[axis].checked_sub(N)?;
             is_inside.then(|| Taps { first, weights: weights(place - first as f64) })
@@ -104,7 +105,8 @@ impl Grid {
                 let nowhere = Taps { first: 0, weights: [f64::NAN; N] };
                 let columns: Vec<Taps<N>> =
                     columns.iter().map(|column| taps(*column, 0).unwrap_or(nowhere)).collect();
-                // Rows of the source summed up along columns, with their numbers: the target's next row needs most of them again.
+                // Source rows convolved along columns, with their indices: the next target row
+                // needs most of them again.
                 let mut along: [_; N] = std::array::from_fn(|_| (usize::MAX, row.clone()));
                 for (y, place) in rows.iter().enumerate() {
                     let Some(down) = taps(*place, 1) else { continue };
@@ -143,14 +145,14 @@ impl Grid {
 }
 
 impl<S: Sample> Samples<'_, S> {
-    /// The sample at a place around which one may be missing; `None` is VOID.
+    /// Sample at a position near which samples may be missing; `None` is VOID.
     #[cold]
     fn careful(&self, [column, row]: [f64; 2], is_cubic: bool, channel: usize) -> Option<S> {
         if !(column.is_finite() && row.is_finite()) {
             return None;
         }
         let nearest = self.window.present(floor(column), floor(row))?;
-        // (What is transparent ends where it ends, as VOID does.)
+        // (Transparent areas keep their shape, as VOID does.)
         if self.window.value.mask == Mask::Alpha && !self.counts(nearest, channel) {
             return Some(self.raw(nearest, channel));
         }
@@ -161,12 +163,12 @@ impl<S: Sample> Samples<'_, S> {
         let cubic = if is_cubic { self.cubic([first, top], [u, v], channel) } else { None };
         Some(match cubic.or_else(|| self.linear([first, top], [u, v], channel)) {
             Some(number) => rounded(self.base, number),
-            // (A sample that is missing in all cells around.)
+            // (The sample is missing in all neighbours.)
             None => self.raw(nearest, channel),
         })
     }
 
-    /// The mean of the four samples around a place, weighted by nearness, without those that are not there.
+    /// Bilinear mean of the four samples around a position, without those that are missing.
     #[inline]
     fn linear(&self, [x, y]: [i64; 2], [u, v]: [f64; 2], channel: usize) -> Option<f64> {
         let (mut sum, mut weights) = (0.0, 0.0);
@@ -181,14 +183,14 @@ impl<S: Sample> Samples<'_, S> {
                 weights += weight;
             }
         }
-        // (Where all are there the weights add up to one, but for rounding.)
+        // (If all are present, the weights add up to one, except for rounding.)
         if (weights - 1.0).abs() < 1e-12 {
             return Some(sum);
         }
         (weights > 1e-9).then(|| sum / weights)
     }
 
-    /// Cubic convolution of the 16 samples around a place, if all are there.
+    /// Cubic convolution of the 16 samples around a position, if all are present.
     fn cubic(&self, [x, y]: [i64; 2], [u, v]: [f64; 2], channel: usize) -> Option<f64> {
         let (along, down) = (keys(u), keys(v));
         let mut sum = 0.0;
@@ -201,7 +203,7 @@ impl<S: Sample> Samples<'_, S> {
     }
 }
 
-/// Weights of four samples in a row for a place so far behind the second.
+/// Weights of four consecutive samples for a position at offset `t` from the second.
 fn keys(t: f64) -> [f64; 4] {
     [
         ((-0.5 * t + 1.0) * t - 0.5) * t,

@@ -4,25 +4,26 @@ use super::mapping::CellMap;
 use spinney_base::space::Bounds;
 use spinney_crs::{AreaOfUse, Crs, Frame, Projection};
 
-/// The place of a raster's data in another system.
+/// Extent of a raster's data in another system.
 pub(super) struct Landing {
     pub(super) low: [f64; 2],
     pub(super) high: [f64; 2],
-    /// Side of a square of the area of a raster's cell, in the data's middle.
+    /// Side of a square with the area of a raster cell, in the middle of the data.
     pub(super) unit: f64,
 }
 
-/// Steps along each side of the data at which positions are computed.
+/// Intervals along each side of the data between computed positions.
 const STEPS: usize = 128;
 
-/// Longest second difference of a line of positions that is straight, in cells.
+/// Maximum second difference of a line of positions that counts as straight, in cells.
 const STRAIGHT: f64 = 1e-3;
 
-/// A target system, as far as it is good for maps.
+/// Target system, limited to where it is suitable for maps.
 struct Target<'a> {
-    /// Projections of the target and of the raster, and the target's area of use, where the two systems differ.
+    /// Projections of the target and of the raster, and the target's area of use, if the two
+    /// systems differ.
     clipping: Option<(&'a Projection, &'a Projection, AreaOfUse)>,
-    /// Middle of the world, and what is added to first coordinates once round it, if they come again.
+    /// Middle of the world, and the period of the first coordinate, if it is periodic.
     turn: Option<[f64; 2]>,
 }
 
@@ -36,27 +37,27 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Whether a place of the world is in the area of use; `None` if it has no longitude and latitude.
+    /// Whether a world position is in the area of use; `None` if it has no longitude and latitude.
     fn has(&self, world: [f64; 2]) -> Option<bool> {
         let (_, own, area) = self.clipping.as_ref()?;
         own.inverse(world).map(|place| area.contains(place))
     }
 
-    /// Coordinates of the place in the area of use that is nearest to one of the raster's.
+    /// Coordinates of the position in the area of use that is nearest to a position of the raster.
     fn nearest(&self, world: [f64; 2]) -> Option<[f64; 2]> {
         let (target, own, area) = self.clipping.as_ref()?;
         target.forward(area.nearest(own.inverse(world)?))
     }
 }
 
-/// A place of the data.
+/// Position of a point of the data.
 #[derive(Clone, Copy)]
 enum Position {
-    /// Its coordinates in the target; at the edge of the area of use those of the edge.
+    /// Coordinates in the target; outside of the area of use, those of its nearest edge.
     At([f64; 2]),
     /// Beyond the area of use.
     Beyond,
-    /// Nowhere: the formula has none.
+    /// Undefined: the formula has no result.
     Nowhere,
 }
 
@@ -67,9 +68,9 @@ impl Position {
 }
 
 impl Landing {
-    /// The landing of a box of cells; `None` if no place of it has one in the system. Of data that lie in its area of use for a part, it is that of the part.
-    /// First coordinates that come again after a turn round the world are one place: those next to the middle's are taken, or all round the world if data
-    /// are on all sides.
+    /// Landing of a box of cells; `None` if no point of it has a position in the system. If the
+    /// data are only partly in the area of use, that part counts. Periodic first coordinates are
+    /// moved next to the middle's, or span the whole period if data are on all sides.
     pub(super) fn of(map: &CellMap, frame: &Frame, data: &Bounds, crs: &Crs) -> Option<Landing> {
         let target = &Target::new(map, crs);
         let cell = |column: usize, row: usize| {
@@ -85,7 +86,7 @@ impl Landing {
         let steps = || (0..=STEPS).flat_map(|row| (0..=STEPS).map(move |column| (column, row)));
         let in_area: Vec<Option<bool>> =
             steps().map(|(column, row)| target.has(world(cell(column, row)))).collect();
-        // (Data that are all beyond the area are brought there all the same.)
+        // (If all data are beyond the area of use, they are mapped without clipping.)
         let is_clipped = in_area.contains(&Some(true)) && in_area.contains(&Some(false));
         let used =
             |column: usize, row: usize| !is_clipped || in_area[row * (STEPS + 1) + column] != Some(false);
@@ -126,7 +127,7 @@ impl Landing {
             (low, high) = within_area(target, (low, high));
         }
         let Some([world, turn]) = target.turn else { return Some(Landing { low, high, unit }) };
-        // All round the world, once. (What lies around a pole does, up to the pole.)
+        // The whole period, once. (Data around a pole span it up to the pole.)
         if high[0] - low[0] > 0.9 * turn {
             (low[0], high[0]) = (world - turn / 2.0, world + turn / 2.0);
         }
@@ -146,7 +147,7 @@ impl Landing {
     }
 }
 
-/// The place of the middle of the data in use, or else of another cell, and the side of a cell there.
+/// Position of the middle of the used data, or else of another cell, and the side of a cell there.
 fn middle_and_unit(
     map: &CellMap,
     cell: &dyn Fn(usize, usize) -> [f64; 2],
@@ -165,13 +166,14 @@ fn middle_and_unit(
     let mut all = [middle].into_iter().chain(others).filter(|[column, row]| used(*column, *row));
     all.find_map(|[column, row]| {
         let middle = map.to_target(cell(column, row))?;
-        // (A thousandth of the target's turn, or of its unit, is more than rounding.)
+        // (A millionth of the target's turn, or one unit, exceeds rounding errors.)
         let ratio = map.ratio_over(middle, target.turn.map_or(1.0, |[_, turn]| turn * 1e-6))?;
         Some((middle, 1.0 / ratio))
     })
 }
 
-/// By how much curves between positions may reach beyond them, four times: by an eighth of the second difference, or so.
+/// Maximum second difference of consecutive positions along each axis. A curve exceeds its
+/// positions by about an eighth of that; the caller adds a quarter.
 fn bend(positions: &[Position]) -> [f64; 2] {
     let mut bend = [0f64; 2];
     let side = STEPS + 1;
@@ -188,7 +190,8 @@ fn bend(positions: &[Position]) -> [f64; 2] {
                         bend[axis] = bend[axis].max((a[axis] - 2.0 * b[axis] + c[axis]).abs());
                     }
                 }
-                // Next to positions without a place it may reach as far again.
+                // Next to an undefined position, a curve may extend as far as the defined ones are
+                // apart.
                 [Position::At(a), Position::At(b), Position::Nowhere]
                 | [Position::Nowhere, Position::At(b), Position::At(a)] => {
                     for axis in 0..2 {
@@ -202,7 +205,7 @@ fn bend(positions: &[Position]) -> [f64; 2] {
     bend
 }
 
-/// The part of a box that is within the box around the area of use.
+/// Intersection of a box with the bounding box of the area of use.
 fn within_area(target: &Target<'_>, (low, high): ([f64; 2], [f64; 2])) -> ([f64; 2], [f64; 2]) {
     let Some((system, _, area)) = &target.clipping else { return (low, high) };
     let (mut first, mut last) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -212,7 +215,7 @@ fn within_area(target: &Target<'_>, (low, high): ([f64; 2], [f64; 2])) -> ([f64;
         }
     }
     let axes = [0, 1].map(|axis| (low[axis].max(first[axis]), high[axis].min(last[axis])));
-    // (The edge of an area round the world may have no positions.)
+    // (The edge of an area that spans the world may have no positions.)
     let [x, y] =
         [0, 1].map(|axis| if axes[axis].0 < axes[axis].1 { axes[axis] } else { (low[axis], high[axis]) });
     ([x.0, y.0], [x.1, y.1])

@@ -1,22 +1,22 @@
-//! Places in the source of a lattice of points in the target: exact at some, by polynomials between them.
+//! Source positions of a lattice of target points: exact for some, by polynomials between them.
 
 use super::mapping::CellMap;
 
-/// How far polynomials may be off, in cells of the source.
+/// Maximum error of polynomials, in source cells.
 const CLOSE: f64 = 1e-4;
-/// Points along a side of a part that is computed one by one.
+/// Points along a side of a rectangle that is computed point by point.
 const FEW: usize = 4;
 
-/// Places in the source, in its cells, of points of the target in rows. Those that have none are NaN.
+/// Positions in source cells of target points in rows. Undefined positions are NaN.
 pub(super) enum Lattice {
-    /// Columns depend on columns alone, and rows on rows.
+    /// Source columns depend on target columns only, and rows on rows.
     Separable {
-        /// Of each column.
+        /// Position of each column.
         columns: Vec<f64>,
-        /// Of each row.
+        /// Position of each row.
         rows: Vec<f64>,
     },
-    /// Any.
+    /// Any map.
     Points {
         /// Points in a row.
         width: usize,
@@ -25,12 +25,12 @@ pub(super) enum Lattice {
     },
 }
 
-/// A part of a block's points: its first column and row, and its size.
+/// Rectangle of a block's points: its first column and row, and its size.
 pub(super) type Part = ([usize; 2], [usize; 2]);
 
 impl Lattice {
-    /// A part of the lattice of a block, whose first point is `first`, in cells of the target, and others a cell apart. A point's place
-    /// does not depend on the part that is asked for.
+    /// Part of a block's lattice. The block's first point is `first`, in target cells; points are
+    /// one cell apart. A point's position does not depend on the requested part.
     pub(super) fn new(map: &CellMap, first: [f64; 2], block: [usize; 2], part: Part) -> Lattice {
         let (at, [width, height]) = part;
         if map.is_separable() {
@@ -54,9 +54,9 @@ impl Lattice {
         Lattice::Points { width, points }
     }
 
-    /// The lattice of a map that takes columns to columns.
+    /// Lattice of a map that is separable by columns and rows.
     fn separable(map: &CellMap, first: [f64; 2], size: [usize; 2]) -> Lattice {
-        // (Where a row has no place, no column has one beside it, but in another row it may.)
+        // (If one row is undefined, so are all columns in it, but another row may be defined.)
         let place = |at: f64, axis: usize| {
             let last = size[1 - axis] - 1;
             let mut others = [0, last / 2, last].into_iter().map(|other| other as f64);
@@ -66,7 +66,7 @@ impl Lattice {
             });
             found.map_or(f64::NAN, |place| place[axis])
         };
-        // Cells may be as wide as the world, where there are few of them: quarters of them are not.
+        // A cell may be as wide as the world if there are few of them; a quarter of a cell is not.
         let parts = if size[0] <= FEW { 4 } else { 1 };
         let mut near = map.whole_turn().map(Near::new);
         let mut columns = Vec::with_capacity(size[0]);
@@ -80,7 +80,7 @@ impl Lattice {
         Lattice::Separable { columns, rows: (0..size[1]).map(|row| place(row as f64, 1)).collect() }
     }
 
-    /// Multiplies all places: for cells of another size.
+    /// Multiplies all positions by a factor, for cells of another size.
     pub(super) fn scale(&mut self, factor: f64) {
         match self {
             Lattice::Separable { columns, rows } => {
@@ -92,11 +92,11 @@ impl Lattice {
         }
     }
 
-    /// The least and the greatest place along each axis; `None` if no point has one.
+    /// Minimum and maximum position along each axis; `None` if no point has a position.
     pub(super) fn bounds(&self) -> Option<([f64; 2], [f64; 2])> {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut meet = |axis: usize, number: f64| {
-            // (These leave out what is no number.)
+            // (`min` and `max` ignore NaN.)
             (low[axis], high[axis]) = (low[axis].min(number), high[axis].max(number));
         };
         match self {
@@ -114,7 +114,7 @@ impl Lattice {
         (low[0] <= high[0] && low[1] <= high[1]).then_some((low, high))
     }
 
-    /// A point's place.
+    /// Position of a point.
     #[inline]
     pub(super) fn at(&self, x: usize, y: usize) -> [f64; 2] {
         match self {
@@ -124,7 +124,7 @@ impl Lattice {
     }
 }
 
-/// The column beside which the next one lies: less than half a turn of the source apart.
+/// Last column, next to which the next one lies: less than half a turn of the source apart.
 #[derive(Clone, Copy)]
 struct Near {
     turn: f64,
@@ -136,7 +136,7 @@ impl Near {
         Near { turn: turn as f64, column: None }
     }
 
-    /// Moves a column by whole turns to where it lies.
+    /// Moves a column by whole turns next to the last one.
     fn move_beside(&mut self, column: &mut f64) {
         if column.is_finite() {
             let near = *self.column.get_or_insert(*column);
@@ -146,18 +146,19 @@ impl Near {
     }
 }
 
-/// Points of a block, of which a part is being computed.
+/// Points of a block, part of which is being computed.
 struct Filling<'a> {
     map: &'a CellMap,
-    /// The block's first point.
+    /// First point of the block.
     first: [f64; 2],
     part: Part,
-    /// Places of the part's points.
+    /// Positions of the part's points.
     points: Vec<[f64; 2]>,
 }
 
 impl Filling<'_> {
-    /// Fills what a rectangle of the block has of the part: by a polynomial where it is close enough, else in four parts.
+    /// Fills the intersection of a rectangle with the requested part: by a polynomial if that is
+    /// accurate enough, else recursively in four quarters.
     fn fill(&mut self, (at, size): Part) {
         let (start, wanted) = self.part;
         let from = [0, 1].map(|axis| at[axis].max(start[axis]));
@@ -202,15 +203,15 @@ impl Filling<'_> {
     }
 }
 
-/// A polynomial of degree two along each axis for each of the two coordinates, over the unit square.
+/// Polynomial of degree two along each axis for each of the two coordinates, over the unit square.
 pub(super) struct Patch {
     /// Factors of `u^i v^j` at `[axis][j][i]`.
     factors: [[[f64; 3]; 3]; 2],
 }
 
 impl Patch {
-    /// The polynomial through nine places of a map of the unit square, if it is at most `close` off at five others; `None` also if
-    /// one of them has no place.
+    /// Polynomial through nine positions of a map of the unit square, if its error is at most
+    /// `close` at five others; also `None` if one of them is undefined.
     pub(super) fn new(place: &dyn Fn([f64; 2]) -> Option<[f64; 2]>, close: f64) -> Option<Patch> {
         let mut values = [[[0.0; 3]; 3]; 2];
         for (j, v) in [0.0, 0.5, 1.0].into_iter().enumerate() {
@@ -236,13 +237,13 @@ impl Patch {
         Some(patch)
     }
 
-    /// The polynomial of each coordinate along a row.
+    /// Polynomial of each coordinate along a row.
     #[inline]
     fn row(&self, v: f64) -> [[f64; 3]; 2] {
         self.factors.map(|rows| std::array::from_fn(|i| rows[0][i] + v * (rows[1][i] + v * rows[2][i])))
     }
 
-    /// A box around all places, by the polynomial's Bernstein form.
+    /// Box around all positions, by the polynomial's Bernstein form.
     pub(super) fn bounds(&self) -> ([f64; 2], [f64; 2]) {
         let bernstein = |[a, b, c]: [f64; 3]| [a, a + b / 2.0, a + b + c];
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);

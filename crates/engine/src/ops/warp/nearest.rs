@@ -1,4 +1,4 @@
-//! The source cell at each cell's centre.
+//! Source cell at each cell's centre.
 
 use zerocopy::FromBytes;
 
@@ -8,7 +8,7 @@ use crate::store::records::{Record, RecordLayout, with_record_type};
 use crate::tree::CellBlock;
 use spinney_base::TreeType;
 
-/// Picks the cells at the places of a lattice.
+/// Picks the cells at the positions of a lattice.
 pub(super) fn pick(
     form: TreeType,
     window: &Window,
@@ -57,7 +57,7 @@ fn pick_values<R: Record>(
     }
 }
 
-/// The cells of a window that some positions along an axis lie in.
+/// Cells of a window that contain some positions along an axis.
 fn cells_at(window: &Window, axis: usize, positions: &[f64]) -> Vec<Option<usize>> {
     let cell_at = |number: &f64| {
         let cell = floor(*number) - window.origin[axis];

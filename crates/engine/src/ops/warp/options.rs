@@ -1,4 +1,4 @@
-//! Ways of resampling.
+//! Resampling methods.
 
 use std::fmt;
 use std::str::FromStr;
@@ -7,40 +7,42 @@ use serde::{Deserialize, Serialize};
 use spinney_base::value::DataKind;
 use spinney_base::{Error, Result};
 
-/// The way a cell of the target gets its value from the cells of the source around it.
+/// How a target cell gets its value from the source cells around it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Resampling {
-    /// The source cell at the cell's centre.
+    /// Value of the source cell at the cell's centre.
     Nearest,
-    /// Linear interpolation between the centres of the four source cells around the cell's centre; those that are VOID are left
-    /// out. The cell is VOID where the source cell at its centre is.
+    /// Bilinear interpolation between the centres of the four source cells around the cell's
+    /// centre, ignoring VOID cells. The cell is VOID where the source cell at its centre is.
     Bilinear,
-    /// Cubic convolution of 16 source cells (Keys 1981, a = -0.5); linear where one of them is VOID.
+    /// Cubic convolution of 16 source cells (Keys 1981, a = -0.5); bilinear where one of them is
+    /// VOID.
     Cubic,
-    /// The mean of all source cells that the cell covers, each by the area that is covered, exactly (the cell's edges taken for
-    /// straight lines in the source). VOID counts for nothing.
+    /// Mean of all source cells that the cell covers, weighted by the exactly covered area (with
+    /// the cell's edges as straight lines in the source). VOID is ignored.
     Area,
-    /// The value with the largest area in the cell, the least of several; areas are exact, too.
+    /// Value with the largest area in the cell, of equal areas the first in row order of the
+    /// source. Areas are exact, too.
     Majority,
 }
 
 impl Resampling {
-    /// All ways.
+    /// All methods.
     pub const ALL: [Resampling; 5] = {
         use Resampling::*;
         [Nearest, Bilinear, Cubic, Area, Majority]
     };
 
-    /// The name on the command line.
+    /// Name on the command line.
     pub fn name(self) -> &'static str {
         ["nearest", "bilinear", "cubic", "area", "majority"][self as usize]
     }
 
-    /// The usual way, where a cell of the target has `ratio` cells of the source along a side: for few the nearest class or
-    /// bilinear amounts, for more the majority or the mean of the area.
+    /// Default method if a target cell has `ratio` source cells along a side: for few, nearest for
+    /// classes or bilinear for continuous values; for more, the majority or the mean of the area.
     pub(super) fn usual(kind: DataKind, ratio: f64) -> Resampling {
-        /// Beyond, cells of the source would be left out.
+        /// Maximum ratio at which no source cells are skipped.
         const FEW: f64 = 1.5;
         match (kind, ratio <= FEW) {
             (DataKind::Categorical, true) => Resampling::Nearest,
@@ -50,13 +52,13 @@ impl Resampling {
         }
     }
 
-    /// Whether the way makes no new numbers of classes.
+    /// Whether the method creates no new class numbers.
     pub(in crate::ops) fn fits(self, kind: DataKind) -> bool {
         let makes_numbers = matches!(self, Resampling::Bilinear | Resampling::Cubic | Resampling::Area);
         kind != DataKind::Categorical || !makes_numbers
     }
 
-    /// Fails if the way makes numbers of classes.
+    /// Fails if the method would create new class numbers.
     pub(super) fn check(self, kind: DataKind) -> Result<()> {
         if !self.fits(kind) {
             let found = format!("{self}, which makes new numbers, of classes");
@@ -65,7 +67,7 @@ impl Resampling {
         Ok(())
     }
 
-    /// Source cells beyond a point that count for it.
+    /// Number of source cells around a point that contribute to it.
     pub(super) fn reach(self) -> f64 {
         match self {
             Resampling::Nearest | Resampling::Area | Resampling::Majority => 0.0,
@@ -74,7 +76,7 @@ impl Resampling {
         }
     }
 
-    /// Whether the cell's area counts, not its centre alone.
+    /// Whether the cell's area counts, not only its centre.
     pub(super) fn is_of_area(self) -> bool {
         matches!(self, Resampling::Area | Resampling::Majority)
     }
@@ -106,19 +108,22 @@ impl FromStr for Resampling {
 #[serde(deny_unknown_fields)]
 #[non_exhaustive]
 pub struct WarpOptions {
-    /// The way of resampling; chosen by the kind of the values and the cells' sizes if not given.
+    /// Resampling method; by default, it depends on the kind of the values and the cell sizes.
     pub resampling: Option<Resampling>,
-    /// Takes datums for WGS 84 whose shift to it is unknown or needs a grid: see
+    /// Treats datums as WGS 84 whose shift to it is unknown or needs a grid: see
     /// [`Projection::new`](spinney_crs::Projection::new).
     pub allow_ballpark: bool,
-    /// Takes the values of each block from the coarsest level of the source with at least so many cells along each side of a cell (about one at most where
-    /// the way is of no area), instead of always from its cells: 2 for overviews that are kept, [`WarpOptions::LOOK`] for those that are only looked at.
+    /// Reads each block from the coarsest level of the source with at least this many cells along
+    /// each side of a target cell (at most about one for methods that do not average areas),
+    /// instead of always from its cells. Use 2 for overviews that are stored, and
+    /// [`WarpOptions::LOOK`] for previews.
     #[serde(with = "spinney_base::text_fields")]
     pub level_cells: Option<f32>,
 }
 
 impl WarpOptions {
-    /// Cells of a level along a side of a cell that do for a look: a level may be 1.2 times as coarse as what is drawn from it, as GDAL's warper has it. A
-    /// tile reads a quarter of what two cells take, or less.
+    /// Level cells along a side of a target cell that suffice for previews: a level may be 1.2
+    /// times as coarse as the result, as in GDAL's warper. A tile then reads at most a quarter of
+    /// what two cells would require.
     pub const LOOK: f32 = 1.0 / 1.2;
 }

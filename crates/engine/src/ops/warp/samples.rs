@@ -1,12 +1,12 @@
-//! The samples of a window as numbers.
+//! Samples of a window as numbers.
 
 use super::window::{Window, floor};
 use spinney_base::value::Sample;
 
-/// The samples of a window as numbers.
+/// Samples of a window as numbers.
 pub(super) struct Samples<'a, S> {
     pub(super) window: &'a Window,
-    /// Numbers are relative to this: see [`Sample::relative_to`].
+    /// Numbers are relative to this sample: see [`Sample::relative_to`].
     pub(super) base: S,
 }
 
@@ -22,7 +22,7 @@ impl<'a, S: Sample> Samples<'a, S> {
         }
     }
 
-    /// The samples of all cells, one channel after the other, NaN where there is none.
+    /// Samples of all cells, one channel of all cells at a time, NaN where there is none.
     pub(super) fn numbers(&self) -> Vec<f64> {
         let Window { value, valid, bytes, .. } = self.window;
         let mut numbers = Vec::with_capacity(valid.len() * usize::from(value.channels));
@@ -48,7 +48,7 @@ impl<'a, S: Sample> Samples<'a, S> {
         value.mask.present(S::TYPE.size(), &bytes[index * value.size()..][..value.size()])[channel]
     }
 
-    /// The sample of a channel of a cell, if it is there.
+    /// Sample of a cell's channel, if it is present.
     #[inline]
     pub(super) fn number(&self, x: i64, y: i64, channel: usize) -> Option<f64> {
         let index = self.window.present(x, y)?;
@@ -57,14 +57,14 @@ impl<'a, S: Sample> Samples<'a, S> {
     }
 }
 
-/// The sample closest to a number; means of integers are rounded as those of whole cells are, and what cubic convolution overshoots
-/// is cut off.
+/// Sample closest to a number. Means of integers are rounded as for whole cells, and overshoots of
+/// cubic convolution are clamped.
 #[inline]
 pub(super) fn rounded<S: Sample>(base: S, number: f64) -> S {
     if const { S::TYPE.is_float() } {
         S::from_f64_lossy(number)
     } else if const { S::TYPE.size() < size_of::<u64>() } {
-        // (Without a call of a function.)
+        // (Without a function call.)
         S::from_f64_lossy(floor(number + 0.5) as f64)
     } else {
         S::from_relative(base, number)

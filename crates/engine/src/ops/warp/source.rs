@@ -1,4 +1,4 @@
-//! The tree that a file makes on another grid.
+//! Tree of a file on another grid.
 
 use std::sync::Arc;
 
@@ -19,50 +19,55 @@ use spinney_base::{Error, Result};
 use spinney_container::{Codec, Header, Metadata, Shape};
 use spinney_crs::{Crs, Frame};
 
-/// A grid of cells in the world: what a file is to be warped to.
+/// Grid of cells in the world: the target of a warp.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarpGrid {
-    /// The place of the cells in the world, in a coordinate system that is known if the raster's is.
+    /// Position of the cells in the world, in a known coordinate system if the raster's is known.
     pub frame: Frame,
     /// Cells along each axis, 1 along the third.
     pub extent: [u64; 3],
 }
 
-/// A raster tree over another grid than its file's, in another coordinate system if need be: nothing is computed before
-/// somebody asks for it.
+/// Raster tree over another grid than its file's, in another coordinate system if need be. Nothing
+/// is computed before it is requested.
 ///
-/// A block of 256 x 256 cells is mapped to the source by polynomials that are checked against the projection itself; where the
-/// source is alike all over the block's image, so is the block. Memory: a window of at most a million source samples for each
-/// block at work, and these as f64.
+/// A block of 256 x 256 cells is mapped to the source by polynomials that are checked against the
+/// projection itself. Where the source is uniform over the block's image, so is the block. Memory:
+/// for each block in progress, a window of at most a million source samples, and these as f64.
 pub struct Warped {
     source: Arc<ViewSource>,
     header: Header,
     metadata: Metadata,
     map: CellMap,
     resampling: Resampling,
-    /// Cells of a level of the source along a side of a cell, at least; `None` if only the source's cells are read.
+    /// Minimum number of level cells along a side of a target cell; `None` if only the source's
+    /// cells are read.
     level_cells: Option<f32>,
-    /// Levels above the source's cells that blocks are read from at most: 0 if only cells are.
+    /// Maximum number of levels above the source's cells that blocks are read from: 0 if only cells
+    /// are read.
     coarsest: u8,
     /// Cells of the source along each axis.
     extent: [u64; 2],
-    /// The cells that can have a value.
+    /// Box of cells that may have values.
     content: Bounds,
 }
 
 /// Levels below the blocks that are drawn at once: 256 x 256 cells.
 const BLOCK_LEVELS: u8 = 8;
-/// Source samples that are read at a time, at most; for a single cell of the target, source cells.
+/// Maximum number of source samples that are read at a time; for a single target cell, source
+/// cells.
 const MAX_READ: u64 = 1 << 20;
-/// How far polynomials of blocks may be off that only tell where to look, in parts of the image's size.
+/// Maximum error of polynomials that only locate a block's image, as a fraction of the image's
+/// size.
 const COARSE: f64 = 0.02;
 
 impl Warped {
-    /// The tree that a file of a raster makes on a grid. `frame` is the place of the file's cells in the world: its own, or what the
-    /// user says.
+    /// Tree of a raster file on a grid. `frame` is the position of the file's cells in the world:
+    /// its own frame, or the user's.
     ///
     /// # Errors
-    /// If the file is no quadtree, one of the two has no coordinate system that can be computed, or classes are to be interpolated.
+    /// If the file is no quadtree, one of the two has no coordinate system that can be computed, or
+    /// classes would be interpolated.
     pub fn new(
         source: Arc<ViewSource>,
         frame: &Frame,
@@ -80,7 +85,7 @@ impl Warped {
         let middle = ratios.first().copied().unwrap_or(1.0);
         let resampling = options.resampling.unwrap_or(Resampling::usual(kind, middle));
         resampling.check(kind)?;
-        // Cells of coarser levels are so many times as large, at most, as a power of two.
+        // Coarser cells are at most this many times as large, rounded down to a power of two.
         let most = ratios.iter().copied().fold(1.0, f64::max);
         let level_cells =
             options.level_cells.map(|cells| if resampling.is_of_area() { cells } else { cells.min(1.0) });
@@ -126,37 +131,38 @@ impl Warped {
         })
     }
 
-    /// The file.
+    /// Source of the tree.
     pub fn source(&self) -> &ViewSource {
         &self.source
     }
 
-    /// The header of a file of the tree.
+    /// Header that a file of the tree would have.
     pub fn header(&self) -> &Header {
         &self.header
     }
 
-    /// The metadata of a file of the tree: the source's, on the grid.
+    /// Metadata that a file of the tree would have: the source's, on the grid.
     pub fn metadata(&self) -> &Metadata {
         &self.metadata
     }
 
-    /// The way cells get their values.
+    /// How cells get their values.
     pub fn resampling(&self) -> Resampling {
         self.resampling
     }
 
-    /// Remarks on how well the two coordinate systems are known.
+    /// Warnings about the accuracy of the two coordinate systems.
     pub fn remarks(&self) -> Vec<String> {
         self.map.remarks()
     }
 
-    /// The cells that can have a value; all others are VOID.
+    /// Box of cells that may have values; all others are VOID.
     pub fn content(&self) -> Bounds {
         self.content
     }
 
-    /// The cells that a box of cells of the source (of its deepest level) can reach: at least those; all where that is not known.
+    /// Box that contains all cells affected by a box of source cells (at its deepest level); all
+    /// cells if that is unknown.
     pub fn reached_from(&self, bounds: &Bounds) -> Bounds {
         let margin = self.margin();
         let low = [0, 1].map(|axis| bounds.min[axis] as f64 - margin);
@@ -164,10 +170,10 @@ impl Warped {
         reached(&self.map, (low, high), 8, self.header.extent).intersect(&self.content)
     }
 
-    /// A node: VOID or a LEAF where all of its image is alike.
+    /// Node: VOID or a LEAF if its image is uniform.
     ///
     /// # Errors
-    /// If the source is damaged there.
+    /// If the source is corrupt there.
     pub fn node(&self, code: Code) -> Result<Child<Code>> {
         if let Some(value) = self.uniform(code)? {
             return Ok(Child::uniform(value));
@@ -178,10 +184,11 @@ impl Warped {
         Ok(Child::Inner { representative: self.in_the_middle(&place, side)?, node: code })
     }
 
-    /// The value that all cells of a node have (`None` is VOID); `None` where its image is not alike all over, or that is not known without its cells.
+    /// Value of all cells of a node (`None` is VOID); `None` if its image is not uniform, or that
+    /// is unknown without reading cells.
     ///
     /// # Errors
-    /// If the source is damaged there.
+    /// If the source is corrupt there.
     pub fn uniform(&self, code: Code) -> Result<Option<Option<Value>>> {
         let cells = code.bounds(self.header.depth()).intersect(&self.content);
         if cells.is_empty() {
@@ -218,14 +225,15 @@ impl Warped {
         Ok(None)
     }
 
-    /// The source's place of a part of a box of cells, from 0 to 1 along each axis.
+    /// Source position of a point in a box of cells, given by fractions from 0 to 1 along each
+    /// axis.
     fn place(&self, cells: &Bounds, [u, v]: [f64; 2]) -> Option<[f64; 2]> {
         let [width, height, _] = cells.size().map(|cells| cells as f64);
         self.map.to_source([cells.min[0] as f64 + u * width, cells.min[1] as f64 + v * height])
     }
 
-    /// The source's value for a node as large as a part of the target, whose image has so many cells along a side, in its middle.
-    /// (What stores the tree makes averages anew.)
+    /// Source value in the middle of a region whose image has `side` cells along a side, at the
+    /// level with nodes of that size. (A builder that stores the tree computes averages.)
     fn in_the_middle(&self, place: &dyn Fn([f64; 2]) -> Option<[f64; 2]>, side: f64) -> Result<Value> {
         let shift = (side.max(1.0).log2() as u8).min(self.source.header().depth());
         let middles = [[0.5, 0.5], [0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]];
@@ -241,7 +249,8 @@ impl Warped {
         Ok(Value::ZERO)
     }
 
-    /// A box around the image of a part of the target, with all that counts for its cells; `None` where that is not known.
+    /// Box around the image of a region, with all source cells that contribute to it; `None` if
+    /// that is unknown.
     fn image(&self, place: &dyn Fn([f64; 2]) -> Option<[f64; 2]>) -> Option<([f64; 2], [f64; 2])> {
         let size = {
             let (a, b) = (place([0.0, 0.0])?, place([1.0, 1.0])?);
@@ -253,29 +262,30 @@ impl Warped {
         Some((low.map(|number| number - margin), high.map(|number| number + margin)))
     }
 
-    /// Source cells around the image of a part that count for it.
+    /// Number of source cells around an image that contribute to it.
     fn margin(&self) -> f64 {
         (self.resampling.reach() + 1.0) * (1u64 << self.coarsest) as f64
     }
 
-    /// The level of the source so many levels above its cells.
+    /// Level of the source that is `shift` levels above its cells.
     fn level(&self, shift: u8) -> u8 {
         self.source.header().depth() - shift
     }
 
-    /// Levels above the source's cells that a block of the target is read from.
+    /// Number of levels above the source's cells from which a target block is read.
     fn coarser_for(&self, cells: &Bounds) -> u8 {
         let Some(level_cells) = self.level_cells.filter(|_| self.coarsest > 0) else { return 0 };
         let at = |axis: usize, part: f64| {
             cells.min[axis] as f64 + part * (cells.max[axis] - cells.min[axis]) as f64
         };
-        // (Where cells of the target are smallest decides: towards the poles, in web mercator.)
+        // (The smallest target cells decide: those towards the poles, in web mercator.)
         let ratios = [0.125, 0.5, 0.875].map(|part| self.map.ratio_at([at(0, 0.5), at(1, part)]));
         let ratio = ratios.into_iter().flatten().fold(f64::INFINITY, f64::min);
         if ratio.is_finite() { coarser(ratio, level_cells).min(self.coarsest) } else { 0 }
     }
 
-    /// Draws some cells of a block from a level of the source, in rows of `stride` cells, from a cell of the block on.
+    /// Draws some cells of a block from a level of the source, in rows of `stride` cells, from a
+    /// cell of the block on.
     fn draw_part(
         &self,
         (whole, cells): (&Bounds, &Bounds),
@@ -295,7 +305,7 @@ impl Warped {
         let Some((low, high)) = lattice.bounds() else { return Ok(()) };
         let reach = self.resampling.reach();
         let extent = self.extent.map(|cells| cells.div_ceil(1 << shift));
-        // (Where a turn is no whole number of coarser cells, these are VOID behind the seam.)
+        // (If a turn is not an integer number of coarser cells, these are VOID after the seam.)
         let turn = self.map.whole_turn().filter(|turn| turn % (1 << shift) == 0).map(|turn| turn >> shift);
         let range = |axis: usize| {
             let most = 1e15;
@@ -346,7 +356,7 @@ impl Warped {
         Ok(())
     }
 
-    /// Gives a cell that is larger than what may be read the value in the middle of its image.
+    /// Sets a cell whose image exceeds the read limit to the value in the middle of the image.
     fn draw_large(
         &self,
         (low, high): ([f64; 2], [f64; 2]),
@@ -380,8 +390,8 @@ impl Warped {
     }
 }
 
-/// Cells of the source along a side of a cell of the target (the root of their number) in several places: first in the middle of
-/// the source.
+/// Number of source cells along a side of a target cell (the square root of the area ratio) at
+/// several positions, the middle of the source first.
 fn ratios(map: &CellMap, extent: [u64; 3]) -> Vec<f64> {
     let steps = [0.5, 0.1, 0.3, 0.7, 0.9];
     let places = steps.into_iter().flat_map(|v| steps.into_iter().map(move |u| [u, v]));
@@ -389,13 +399,15 @@ fn ratios(map: &CellMap, extent: [u64; 3]) -> Vec<f64> {
     places.filter_map(ratio).collect()
 }
 
-/// Levels above the source's cells of the coarsest level with at least `level_cells` cells along a side of target cells that have `ratio` source cells there.
+/// Number of levels up to the coarsest one with at least `level_cells` cells along a side of target
+/// cells with `ratio` source cells.
 fn coarser(ratio: f64, level_cells: f32) -> u8 {
     (ratio / f64::from(level_cells)).log2().floor().clamp(0.0, 63.0) as u8
 }
 
-/// The cells of the target that a box of the source can reach: a box around the images of a lattice of so many of its points, with as
-/// much around it as neighbours are apart; all cells where that does not tell.
+/// Target cells that a box of the source can affect: the bounding box of the images of a lattice of
+/// `steps` intervals, with a margin of the distance between neighbours. All cells if that is
+/// inconclusive.
 fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target: [u64; 3]) -> Bounds {
     let all = Bounds::picture(target);
     if map.target_turns() {
@@ -422,7 +434,7 @@ fn reached(map: &CellMap, (from, to): ([f64; 2], [f64; 2]), steps: usize, target
         }
         above = row;
     }
-    // Neighbours that lie far apart are on two sides of a seam, or around a pole.
+    // Neighbours that are far apart are on two sides of a seam, or around a pole.
     if (0..2).any(|axis| apart[axis] > target[axis] as f64 / 4.0) {
         return all;
     }
@@ -481,7 +493,8 @@ impl Source for Warped {
 }
 
 impl Warped {
-    /// Draws a box of cells, in parts that lie in one block of the tree each: what a cell gets does not depend on the box.
+    /// Draws a box of cells, in sub-boxes that lie within one block of the tree each: a cell's
+    /// value does not depend on the box.
     fn draw_block(&self, bounds: &Bounds, block: &mut CellBlock) -> Result<()> {
         let side = 1u64 << BLOCK_LEVELS;
         let stride = bounds.size()[0] as usize;

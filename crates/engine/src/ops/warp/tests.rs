@@ -1,4 +1,4 @@
-//! Warped trees against a naive model: every cell by itself, from the projections' own formulas.
+//! Warped trees against a naive model: every cell separately, from the projections' own formulas.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use spinney_base::space::{Bounds, Cell, Dimension};
 use spinney_base::value::{Rule, SampleType, Value, ValueType};
 use spinney_crs::{Crs, Frame, web_mercator};
 
-/// A raster of 64 x 64 cells, some of which are VOID.
+/// Raster of 64 x 64 cells, some of which are VOID.
 struct Raster {
     frame: Frame,
     cell: fn(i64, i64) -> Option<u8>,
@@ -46,7 +46,7 @@ impl Raster {
         Warped::new(self.tree(), &self.frame, grid, &options).unwrap()
     }
 
-    /// The value of a cell, which comes again around the world if the raster does.
+    /// Value of a cell, repeated around the world if the raster is.
     fn value(&self, x: i64, y: i64, turn: Option<i64>) -> Option<u8> {
         let x = if turn == Some(SIDE as i64) { x.rem_euclid(SIDE as i64) } else { x };
         let side = SIDE as i64;
@@ -59,7 +59,7 @@ impl Raster {
         if resampling.is_of_area() {
             let mut corners = [place(0.0, 0.0)?, place(1.0, 0.0)?, place(1.0, 1.0)?, place(0.0, 1.0)?];
             if let Some(turn) = turn {
-                // The way from corner to corner, in quarters of a cell.
+                // From corner to corner, in quarters of a cell.
                 let around = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
                 for i in 1..4 {
                     let (from, to) = (around[i - 1], around[i]);
@@ -115,9 +115,9 @@ impl Raster {
         Some((number + 0.5).floor().clamp(0.0, 255.0) as u8)
     }
 
-    /// By clipping the quadrangle against each cell (Sutherland and Hodgman).
+    /// Area by clipping the quadrangle against each cell (Sutherland and Hodgman).
     fn naive_area(&self, corners: [[f64; 2]; 4], turn: Option<i64>, is_majority: bool) -> Option<u8> {
-        /// Areas that differ by less, relative to the cell's own, are the same: sums of some hundred products of coordinates below 1.
+        /// Relative tolerance of areas: sums of some hundred products of coordinates below 1.
         const ROUNDING: f64 = 1e-9;
         let rounding = ROUNDING * area_of(&corners).min(1.0);
         let range = |axis: usize| {
@@ -179,7 +179,8 @@ fn area_of(polygon: &[[f64; 2]]) -> f64 {
     pairs.sum::<f64>().abs() / 2.0
 }
 
-/// Compares the cells of some boxes, of large ones every seventh; counts those that differ by one at a tie of rounding.
+/// Compares the cells of some boxes, of large ones every seventh; counts those that differ by one
+/// at a tie of rounding.
 fn compare(name: &str, raster: &Raster, grid: &WarpGrid, resampling: Resampling, boxes: &[[u64; 4]]) {
     let warped = raster.warped(grid, resampling);
     let map = CellMap::new(&grid.frame, &raster.frame, SIDE, false).unwrap();
@@ -203,7 +204,7 @@ fn compare(name: &str, raster: &Raster, grid: &WarpGrid, resampling: Resampling,
         }
     }
     assert!(cells < 20 || present > cells / 20, "{name}: {present} of {cells} cells have a value");
-    // (Where a number lies between two, one of few cells may be rounded the other way.)
+    // (Where a number is halfway between two integers, few cells may be rounded the other way.)
     assert!(close <= 1 + cells / 500, "{name} {resampling}: {close} of {cells} differ");
 }
 
@@ -278,7 +279,7 @@ fn channels_are_interpolated_each_by_itself() {
                     let numbers = channels.iter().map(|channel| number(x.into(), y.into(), *channel));
                     let numbers: Vec<f32> = numbers.collect();
                     let bytes: Vec<u8> = numbers.iter().flat_map(|number| number.to_le_bytes()).collect();
-                    // (What has no number at all is VOID.)
+                    // (A cell without any number is VOID.)
                     numbers.iter().any(|number| !number.is_nan()).then(|| Value::from_bytes(&bytes))
                 };
                 let tree = Arc::new(MemTree::from_cells(form, 6, Rule::Mean, &cell).into());
@@ -344,7 +345,7 @@ fn nodes_agree_with_their_cells() {
     }
 }
 
-/// Compares nodes that are settled with the cells below them.
+/// Compares settled nodes with the cells below them.
 fn check_node(warped: &Warped, child: Child<spinney_base::space::Code>, bounds: Bounds, uniform: &mut u32) {
     match child {
         Child::Inner { node, .. } if bounds.volume() > 256 => {
@@ -356,7 +357,7 @@ fn check_node(warped: &Warped, child: Child<spinney_base::space::Code>, bounds: 
         }
         Child::Inner { .. } => {}
         settled => {
-            // (Of large ones a part.)
+            // (Of large nodes, a sub-box.)
             let max = [0, 1, 2].map(|axis| bounds.max[axis].min(bounds.min[axis] + 200));
             let part = Bounds { max, ..bounds };
             let mut block = CellBlock::void(part.volume() as usize, 1);

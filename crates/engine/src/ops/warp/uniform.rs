@@ -1,4 +1,4 @@
-//! Boxes of a file that are alike all over, without looking at their cells.
+//! Uniformity test for boxes of a file, without reading cells.
 
 use crate::ops::view_source::{ViewSource, ViewSourceNode};
 use crate::tree::{Child, Source, no_children};
@@ -6,16 +6,18 @@ use spinney_base::Result;
 use spinney_base::space::Bounds;
 use spinney_base::value::Value;
 
-/// The value that all cells of a box have (`None` is VOID); `None` if they are not alike. Cells beyond the tree are VOID.
+/// Value of all cells of a box (`None` is VOID); `None` if they differ. Cells beyond the tree are
+/// VOID.
 ///
-/// Reads the nodes along the box's edges, those first of which most lies in it, until two are found that differ.
+/// Reads the nodes along the box's edges, those first that overlap it most, until two values
+/// differ.
 ///
 /// # Errors
-/// If the file is damaged there.
+/// If the file is corrupt there.
 pub(super) fn uniform(file: &ViewSource, bounds: &Bounds) -> Result<Option<Option<Value>>> {
     let space = Bounds::space(file.form().dimension, file.depth());
     let inside = bounds.intersect(&space);
-    // What the box has so far.
+    // Value of the box so far.
     let mut found = (!space.contains(bounds)).then_some(None);
     if !inside.is_empty() && !is_alike(file, &file.root()?, space, &inside, &mut found)? {
         return Ok(None);
@@ -23,7 +25,7 @@ pub(super) fn uniform(file: &ViewSource, bounds: &Bounds) -> Result<Option<Optio
     Ok(found)
 }
 
-/// Whether the part of a node that lies in a box is alike, and as what was found before.
+/// Whether the intersection of a node with a box is uniform, with the same value as found before.
 fn is_alike(
     file: &ViewSource,
     child: &Child<ViewSourceNode>,
@@ -41,7 +43,8 @@ fn is_alike(
             let mut children = no_children();
             file.children(inner, &mut children)?;
             let dimension = file.form().dimension;
-            // (Where much of a node lies in the box, some of it is soon all inside, and tells without its cells.)
+            // (If the box covers much of a node, one of its descendants is soon fully inside, and
+            // decides without its cells.)
             let mut order: [usize; 4] = [0, 1, 2, 3];
             let inside = |step: &usize| node.child(dimension, *step).intersect(bounds).volume();
             order.sort_by_key(|step| std::cmp::Reverse(inside(step)));

@@ -1,4 +1,4 @@
-//! Windows of the source, also beyond its edges and around the world.
+//! Windows of the source, also beyond its edges and across the antimeridian.
 
 use crate::ops::view_source::ViewSource;
 use spinney_base::Result;
@@ -6,8 +6,8 @@ use spinney_base::io::batch::{defer_missing, finish_deferred};
 use spinney_base::space::Bounds;
 use spinney_base::value::ValueType;
 
-/// A box of cells of the source, in rows. Coordinates may be negative, or beyond the source: there is nothing, but where it comes
-/// again after a whole turn.
+/// Box of source cells, in rows. Coordinates may be negative, or beyond the source: cells there are
+/// VOID, unless the source repeats after a whole turn.
 pub(super) struct Window {
     /// First column and row.
     pub(super) origin: [i64; 2],
@@ -21,10 +21,10 @@ pub(super) struct Window {
 /// File that a window is read from.
 pub(super) struct WindowSource<'a> {
     pub(super) file: &'a ViewSource,
-    /// The level, and its cells along each axis.
+    /// Level, and its cells along each axis.
     pub(super) level: u8,
     pub(super) extent: [u64; 2],
-    /// Columns after which the source comes again.
+    /// Period of the source in columns.
     pub(super) turn: Option<i64>,
 }
 
@@ -32,7 +32,7 @@ impl Window {
     /// Reads a box of cells.
     ///
     /// # Errors
-    /// If the file is damaged there.
+    /// If the file is corrupt there.
     pub(super) fn read(source: &WindowSource<'_>, origin: [i64; 2], size: [usize; 2]) -> Result<Window> {
         let value = source.file.header().form.value;
         let cells = size[0] * size[1];
@@ -44,7 +44,7 @@ impl Window {
             return Ok(window);
         }
         let end = origin[0] + size[0] as i64;
-        // The source as often as it comes into the window.
+        // All repetitions of the source in the window.
         let turns = match source.turn {
             Some(turn) => (origin[0] - width).div_euclid(turn)..=end.div_euclid(turn),
             None => 0..=0,
@@ -62,7 +62,7 @@ impl Window {
         finish_deferred(is_unread).map(|()| window)
     }
 
-    /// Reads cells that the source has to a place of the window.
+    /// Reads cells of the source into a position of the window.
     fn paint(
         &mut self,
         source: &WindowSource<'_>,
@@ -89,23 +89,24 @@ impl Window {
         Ok(())
     }
 
-    /// The index of a cell that is in the window.
+    /// Index of a cell, if it is in the window.
     #[inline]
     pub(super) fn index(&self, x: i64, y: i64) -> Option<usize> {
         let (x, y) = (x - self.origin[0], y - self.origin[1]);
-        // (What is negative is too large, too.)
+        // (A negative number is too large as an unsigned one.)
         let is_inside = (x as u64) < self.size[0] as u64 && (y as u64) < self.size[1] as u64;
         is_inside.then(|| y as usize * self.size[0] + x as usize)
     }
 
-    /// The index of a cell that is in the window and not VOID.
+    /// Index of a cell, if it is in the window and not VOID.
     #[inline]
     pub(super) fn present(&self, x: i64, y: i64) -> Option<usize> {
         self.index(x, y).filter(|index| self.valid[*index])
     }
 }
 
-/// The whole number not above a number; `f64::floor` is a function call where the target has no instruction for it.
+/// Largest integer not above a number. `f64::floor` is a function call on targets without an
+/// instruction for it.
 #[inline]
 pub(super) fn floor(number: f64) -> i64 {
     let whole = number as i64;

@@ -10,7 +10,7 @@ use crate::ops::regions::table::table_of;
 use spinney_base::space::Bounds;
 use spinney_base::value::Number;
 
-/// What is told of a label.
+/// Table entry of a label.
 #[derive(Debug, PartialEq)]
 struct Told {
     label: Number,
@@ -22,7 +22,7 @@ struct Told {
 }
 
 impl Model {
-    /// A table of cells with labels, of which those that are `None` have none.
+    /// Table of cells with labels; cells with `None` have no label.
     fn table(&self, labels: &[Option<Number>], class: impl Fn(Value) -> Option<Number>) -> Vec<Told> {
         let cell = |path: usize| {
             Code::from_path(self.form.dimension, self.depth, path as u64).unwrap().cell().map(u64::from)
