@@ -3,13 +3,13 @@
 #
 #     packaging/make.sh DIRECTORY [program] [wheel] [c] [npm]
 #
-# - program: spinney-VERSION-SYSTEM.tar.gz, with the program, its completions, README, docs and licences;
-# - wheel: the Python package, for all Pythons from 3.11 on (manylinux, where the linker for it can be had);
-# - c: libspinney-VERSION-SYSTEM.tar.gz, with the C library, its header and its file for pkg-config (Linux);
+# - program: spinney-VERSION-SYSTEM.tar.gz: the program, completions, README, docs, licences;
+# - wheel: the Python package, for Python 3.11 and later (manylinux if its linker is available);
+# - c: libspinney-VERSION-SYSTEM.tar.gz: the C library, header and pkg-config file (Linux);
 # - npm: spinney-VERSION.tgz, the JavaScript package.
 #
-# All of them if none is named. PROFILE names the profile of Cargo (release); FEATURES further features of the C library
-# (program: what is compiled for the program is used).
+# Makes all of them if none is named. PROFILE is Cargo's profile (default: release). FEATURES are
+# additional features of the C library (`program` reuses the build of the program).
 set -euo pipefail
 cd "$(dirname "$0")/.."
 [ $# -ge 1 ] || { sed -n '2,13s/^# \{0,1\}//p' "$0" >&2; exit 2; }
@@ -22,20 +22,21 @@ target=${CARGO_TARGET_DIR:-$PWD/target}
 built=$target/${profile/#dev/debug}
 version=$(sed -n '/^\[workspace.package\]/,/^\[/s/^version = "\(.*\)"/\1/p' Cargo.toml)
 system=$(rustc -vV | sed -n 's/^host: //p')
-# (Endings of programs and directories of Python's environments are others on Windows; macOS has GNU tar as gtar.)
+# (Windows has another extension of programs and another directory in Python environments. On macOS,
+# GNU tar is gtar.)
 exe='' bin=bin
 [[ $system != *windows* ]] || exe=.exe bin=Scripts
 tar=$(command -v gtar || echo tar)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 
-# Packs a directory of $work; the same files give the same bytes.
+# Packs a directory of $work. Equal files give equal bytes.
 pack() {
     "$tar" --sort=name --owner=0 --group=0 --numeric-owner --mtime='2000-01-01 00:00Z' -C "$work" -c "$1" | gzip -n > "$out/$1.tar.gz"
     echo "$out/$1.tar.gz"
 }
 
-# What is released has the browser module of the same sources.
+# A release contains the browser module built from the same sources.
 browser() {
     [ "$profile" = release ] || return 0
     if rustup target add wasm32-unknown-unknown > /dev/null 2>&1; then
@@ -62,7 +63,7 @@ wheel() {
     local python=${PYTHON:-python3} maker=("$work/venv/$bin/maturin")
     "$python" -m venv "$work/venv"
     "$work/venv/$bin/pip" install --quiet --disable-pip-version-check 'maturin>=1.9.4,<2'
-    # A wheel for older systems than this one is linked by zig, which comes as a package, too.
+    # zig, a package as well, links wheels for systems older than this one.
     local how=()
     if [ "$profile" = release ] && [[ $system == *linux* ]] && "$work/venv/$bin/pip" install --quiet --disable-pip-version-check ziglang; then
         how=(--zig --compatibility manylinux2014)

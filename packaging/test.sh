@@ -3,8 +3,8 @@
 #
 #     packaging/test.sh
 #
-# Makes them as tests compile the project (PROFILE=release: as users get them). Also checks the contents
-# of the npm package, and prints the size of each.
+# Builds them with the profile of the tests (PROFILE=release: with that of releases). Also checks
+# the contents of the npm package, and prints the size of each package.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 export PROFILE=${PROFILE:-dev}
@@ -32,7 +32,7 @@ test -s "$work/program/completions/spinney.bash"
 cmp "$work/site/assets/spinney/module_bg.wasm" crates/site/page/spinney/module_bg.wasm
 
 tar -xzf "$work"/libspinney-*.tar.gz -C "$work/c" --strip-components=1
-# Programs find it by its ABI, and nobody has to carry names for debuggers.
+# The soname has the number of the ABI, and the library has no symbols for debuggers.
 readelf -d "$work/c/lib/libspinney.so" | grep -q 'SONAME.*\[libspinney\.so\.[0-9]*\]'
 test -e "$work/c/lib/$(readelf -d "$work/c/lib/libspinney.so" | sed -n 's/.*SONAME.*\[\(.*\)\]/\1/p')"
 ! readelf -S "$work/c/lib/libspinney.so" | grep -qE '\.(symtab|debug_info)'
@@ -50,7 +50,7 @@ import sys
 import spinney
 tree = spinney.open(sys.argv[1])
 print("the wheel answers:", tree, tree.stats().cells, "cells")
-# Formats that need other libraries, and progress without tqdm, which is not installed here.
+# Formats that need other libraries; and progress without tqdm, which is not installed here.
 for ending in ("gpkg", "fgb"):
     tree.export(f"regions.{ending}", polygons=True, progress=True)
     assert spinney.combine("union", [f"regions.{ending}"], f"union.{ending}").features
