@@ -1,21 +1,23 @@
-//! Files of exact models taken apart and put together again, by the letter of `formats.md` and with right checksums.
+//! Splits files of exact models into their components and reassembles them as `formats.md`
+//! specifies, with valid checksums.
 
 use spinney::{Code, Dimension};
 
 /// A block of faces or a segment, with its key.
 pub type Piece = (u64, Vec<u8>);
 
-/// Tags of the lists that not every file has.
+/// Tags of the optional lists.
 const OTHERS: [&[u8; 4]; 3] = [b"EXAC", b"OBJE", b"FVAL"];
 
-/// The parts of a file.
+/// The components of a file.
 #[derive(Clone)]
 pub struct BrepFile {
     /// Without its checksum.
     pub header: Vec<u8>,
     pub blocks: Vec<Piece>,
     pub segments: Vec<Piece>,
-    /// Pieces of other lists: blocks of faces with corners beside the grid, and tables of parts and of faces.
+    /// Entries of the optional lists: blocks of faces with off-grid vertices, and tables of parts
+    /// and of faces.
     pub others: [Vec<Piece>; 3],
     pub formula: Vec<u8>,
     pub model: Vec<u8>,
@@ -39,7 +41,7 @@ fn trailer(file: &[u8]) -> usize {
     end - short(file, end) as usize
 }
 
-/// A section of a file, if there.
+/// Returns the section with a tag, if the file has it.
 pub fn section<'a>(file: &'a [u8], tag: &[u8; 4]) -> Option<&'a [u8]> {
     let trailer = trailer(file);
     let mut sections = (0..short(file, trailer + 32) as usize).map(|i| trailer + 36 + 24 * i);
@@ -154,7 +156,8 @@ impl Segment {
         [shorts(counts), shorts([&faces[..], exact, words].concat()), leaves.clone()].concat()
     }
 
-    /// Head and faces of a leaf, by their numbers in the model, and the exact faces that are near it.
+    /// Returns the head byte of a leaf, its faces by their numbers in the model, and the exact
+    /// faces near it.
     fn leaf(&self, at: usize) -> (u8, [Vec<u32>; 2]) {
         let head = self.leaves[at];
         let (faces, length) = self.list(at + 1, &self.faces);
@@ -162,7 +165,7 @@ impl Segment {
         (head, [faces, near])
     }
 
-    /// The faces of a list, and the bytes that it takes.
+    /// Returns the faces of a list and the list's length in bytes.
     fn list(&self, at: usize, numbers: &[u32]) -> (Vec<u32>, usize) {
         let mut bytes = &self.leaves[at..];
         let mut next = || {
@@ -191,7 +194,7 @@ impl Segment {
     fn cut(&self, code: Code, word: u32, out: &mut Vec<Piece>) {
         let mut segment =
             Segment { faces: Vec::new(), exact: Vec::new(), words: Vec::new(), leaves: Vec::new() };
-        // Appends a list of faces, which get own numbers.
+        // Appends a list of faces, renumbered within the segment.
         let push = |leaves: &mut Vec<u8>, all: &mut Vec<u32>, faces: &[u32]| {
             leaves.push(faces.len() as u8);
             let number = |face: &u32| {

@@ -1,4 +1,4 @@
-//! Running the `spinney` program.
+//! Runs the `spinney` program.
 
 use std::path::PathBuf;
 use std::process::Child;
@@ -8,19 +8,19 @@ use std::{fs, thread};
 use assert_cmd::Command;
 use assert_cmd::assert::Assert;
 
-/// The program with arguments, not running yet.
+/// Returns the command for the program with arguments, not yet started.
 pub fn command(arguments: &[&str]) -> Command {
     let mut command = Command::cargo_bin("spinney").unwrap();
     command.args(arguments);
     command
 }
 
-/// A run of the program.
+/// Runs the program.
 pub fn spinney(arguments: &[&str]) -> Assert {
     command(arguments).assert()
 }
 
-/// Output of a run that succeeds.
+/// Returns the standard output of a run that succeeds.
 pub fn stdout(arguments: &[&str]) -> String {
     String::from_utf8(spinney(arguments).success().get_output().stdout.clone()).unwrap()
 }
@@ -29,24 +29,25 @@ pub fn stderr(assert: Assert) -> String {
     String::from_utf8(assert.get_output().stderr.clone()).unwrap()
 }
 
-/// Complaint of a run that fails; never a panic.
+/// Returns the error message of a run that fails with an exit code and without a panic.
 pub fn complaint(arguments: &[&str], code: i32) -> String {
     let text = stderr(spinney(arguments).code(code));
     assert!(!text.contains("panicked") && !text.is_empty(), "{text}");
     text
 }
 
-/// Starts a program with the signals that end it as they are by default.
+/// Starts a program with default handlers for the signals that end it.
 const WITH_DEFAULT_SIGNALS: &str = "import os, signal, sys
 for name in ('SIGINT', 'SIGTERM', 'SIGHUP', 'SIGPIPE', 'SIGXFSZ'):
     signal.signal(getattr(signal, name), signal.SIG_DFL)
 os.execvp(sys.argv[1], sys.argv[1:])
 ";
 
-/// A program that interruption, termination and the end of a session reach.
+/// Returns a command that SIGINT, SIGTERM and SIGHUP can end; `None` if no launcher works.
 ///
-/// What the parent of these tests ignores (a shell does that to programs in the background), they ignore, too, and so would
-/// everything that they start. A shell cannot change that, but other programs can. Nothing if there is none.
+/// Signals that the parent of these tests ignores (a shell does so for background programs) are
+/// ignored by the tests and by every child process. A shell cannot restore them, but other programs
+/// can.
 #[cfg(unix)]
 pub fn interruptible(program: &str) -> Option<std::process::Command> {
     use std::os::unix::process::ExitStatusExt;
@@ -60,7 +61,7 @@ pub fn interruptible(program: &str) -> Option<std::process::Command> {
             command
         }
     };
-    // A shell that sends itself a signal comes to its end in good order only where that is ignored.
+    // A shell that sends itself a signal exits with success only if the signal is ignored.
     let works = |launcher: &&&[&str]| {
         ["INT", "TERM", "HUP"].into_iter().all(|name| {
             let mut shell = launch(launcher, "sh");
@@ -77,7 +78,7 @@ pub fn interruptible(program: &str) -> Option<std::process::Command> {
     launcher.map(|launcher| launch(launcher, program))
 }
 
-/// The most memory that a process ever had, in bytes, as seen shortly before its end.
+/// Returns the peak memory of a process in bytes, sampled until shortly before it exits.
 #[cfg(target_os = "linux")]
 pub fn peak_memory(child: &mut Child) -> u64 {
     let status = PathBuf::from(format!("/proc/{}/status", child.id()));
@@ -93,7 +94,8 @@ pub fn peak_memory(child: &mut Child) -> u64 {
     peak
 }
 
-/// Runs a test, given with the path of its module, in a process of its own, so that its memory is nobody else's; tells whether this is that process.
+/// Runs a test, given by its module path, in its own process so that its memory can be measured.
+/// Returns whether this is that process.
 pub fn is_alone(test: &str) -> bool {
     const ALONE: &str = "SPINNEY_TEST_ALONE";
     if std::env::var_os(ALONE).is_some() {
@@ -107,7 +109,7 @@ pub fn is_alone(test: &str) -> bool {
     false
 }
 
-/// The most memory that this process ever had, in bytes; 0 where that is not to be known.
+/// Returns this process's peak memory in bytes; 0 if the system does not report it.
 pub fn own_peak_memory() -> u64 {
     let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
     let peak = status.lines().find_map(|line| line.strip_prefix("VmHWM:")?.trim().strip_suffix(" kB"));

@@ -1,4 +1,4 @@
-//! Exact models made in tests.
+//! Exact models for tests.
 
 use spinney::brep::{Face, Faces, Grid};
 use spinney::raw::brep::{BuildReport, FaceList, LEAF_SIZE, ModelBuilder};
@@ -9,17 +9,17 @@ use super::shared_data;
 
 pub type Ring = Vec<[i32; 3]>;
 
-/// A grid of whole numbers.
+/// Returns a grid with steps of 1.
 pub fn whole_grid() -> Grid {
     Grid::over([[0.0; 3], [1000.0; 3]], Some(1.0)).unwrap()
 }
 
-/// A model of faces without colours, each of which is a list of rings.
+/// Returns a model of faces without colours. Each face is a list of rings.
 pub fn model(faces: &[Vec<Ring>]) -> FaceList {
     model_on(whole_grid(), faces)
 }
 
-/// A model on a grid, as [`model`].
+/// Returns a model on a grid; otherwise as [`model`].
 pub fn model_on(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
     let mut list = FaceList::new(grid, vec!["solid".into()]);
     for rings in faces {
@@ -28,15 +28,15 @@ pub fn model_on(grid: Grid, faces: &[Vec<Ring>]) -> FaceList {
     list
 }
 
-/// The faces in a file, open.
+/// Builds a file from faces and opens it.
 pub fn file_of(list: &FaceList) -> ExactModel {
     let (bytes, report) = built(list, 64 << 20, LEAF_SIZE);
     assert_eq!(report.defects, []);
     ExactModel::from_bytes(bytes.unwrap()).unwrap()
 }
 
-/// The bytes of a file that is built in so much memory, with cells of so many faces that are not divided; none if
-/// the faces bound no body.
+/// Builds a file with a memory limit in bytes and a maximum number of faces per undivided cell.
+/// Returns its bytes; `None` if the faces bound no solid.
 pub fn built(list: &FaceList, memory: u64, leaf_size: usize) -> (Option<Vec<u8>>, BuildReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.goblin");
@@ -63,7 +63,8 @@ pub fn push(list: &mut FaceList, rings: &[Ring], part: u32, colour: Option<[u8; 
     });
 }
 
-/// The walls of a prism over a ring that is counterclockwise seen from above; it may have a hole.
+/// Returns the faces of a prism over rings that are counterclockwise seen from above. The base may
+/// have a hole.
 pub fn prism(rings: &[Vec<[i32; 2]>], bottom: i32, top: i32) -> Vec<Vec<Ring>> {
     let at = |z: i32| move |[x, y]: &[i32; 2]| [*x, *y, z];
     let mut faces = vec![rings.iter().map(|ring| ring.iter().map(at(top)).collect()).collect::<Vec<Ring>>()];
@@ -83,13 +84,14 @@ pub fn cuboid(min: [i32; 3], max: [i32; 3]) -> Vec<Vec<Ring>> {
     prism(&[ring], min[2], max[2])
 }
 
-/// Turns faces to the other side: a solid becomes a cavity.
+/// Flips the orientation of faces: a solid becomes a cavity.
 pub fn turned(mut faces: Vec<Vec<Ring>>) -> Vec<Vec<Ring>> {
     faces.iter_mut().flatten().for_each(|ring| ring.reverse());
     faces
 }
 
-/// A model of the test data, if there, snapped to a grid; only the faces for which `is_wanted` says so by their part.
+/// Returns a model of the test data, snapped to a grid; `None` if it is missing. `is_wanted`
+/// selects faces by their part.
 pub fn snapped(name: &str, is_wanted: &dyn Fn(u32) -> bool) -> Option<FaceList> {
     let path = shared_data()?.join("mesh").join(name);
     if !path.exists() {

@@ -1,11 +1,11 @@
-//! A second reader of binary glTF and of tilesets, as far as tests need them.
+//! A second, independent reader of binary glTF and of tilesets, as far as tests need it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use serde_json::Value as Json;
 
-/// A node's triangles, in the coordinates of the node above it.
+/// A node's triangles in the coordinates of its parent node.
 #[derive(Default)]
 pub struct Mesh {
     pub corners: Vec<Corner>,
@@ -20,10 +20,10 @@ pub struct Corner {
     pub class: Option<u16>,
 }
 
-/// A file.
+/// A binary glTF file.
 pub struct Glb {
     pub json: Json,
-    /// The root's matrix by columns.
+    /// The root's matrix in column-major order.
     pub matrix: [f64; 16],
     pub meshes: Vec<Mesh>,
     bin: Vec<u8>,
@@ -76,7 +76,7 @@ impl Glb {
         Mesh { corners, triangles: numbers.chunks_exact(3).map(|it| it.try_into().unwrap()).collect() }
     }
 
-    /// The numbers of an accessor as they are stored.
+    /// Returns the elements of an accessor as stored.
     fn numbers(&self, accessor: usize) -> Vec<Vec<f64>> {
         let accessor = &self.json["accessors"][accessor];
         let view = &self.json["bufferViews"][accessor["bufferView"].as_u64().unwrap() as usize];
@@ -99,7 +99,7 @@ impl Glb {
         (0..count).map(element).collect()
     }
 
-    /// The bytes of a view.
+    /// Returns the bytes of a buffer view.
     pub fn view(&self, view: &Json) -> &[u8] {
         let view = &self.json["bufferViews"][view.as_u64().unwrap() as usize];
         let [first, length] = ["byteOffset", "byteLength"].map(|key| view[key].as_u64().unwrap() as usize);
@@ -107,7 +107,8 @@ impl Glb {
     }
 }
 
-/// Nothing is there without content: the schema of glTF has no empty lists, accessors or views, and nodes but the root have a mesh.
+/// Checks that nothing is empty: the glTF schema allows no empty lists, accessors or views, and
+/// every node except the root has a mesh.
 fn check_contents(json: &Json, name: &str) {
     let list = |key: &str| json[key].as_array().map_or(&[][..], Vec::as_slice);
     for (key, value) in json.as_object().unwrap() {
@@ -124,7 +125,7 @@ fn check_contents(json: &Json, name: &str) {
     }
     for extension in list("extensionsUsed") {
         let text = json.to_string();
-        // (That of quantised coordinates has no member of its own.)
+        // KHR_mesh_quantization has no member of its own.
         let has = text.contains(&format!("{extension}:")) || extension == "KHR_mesh_quantization";
         assert!(has && !list("meshes").is_empty(), "{name}: {extension}");
     }
@@ -138,14 +139,14 @@ fn check_contents(json: &Json, name: &str) {
 /// A tile: level, x, y, z.
 pub type Place = [u32; 4];
 
-/// The tiles of a tileset, as its subtrees say.
+/// The tiles of a tileset, as listed by its subtrees.
 #[derive(Default)]
 pub struct Tiles {
-    /// With whether it has content.
+    /// Tiles, and whether each has content.
     pub tiles: BTreeMap<Place, bool>,
-    /// Bounding boxes of their own: centre and half sides.
+    /// Explicit bounding boxes: centre and half side lengths.
     pub boxes: BTreeMap<Place, [[f64; 3]; 2]>,
-    /// Files of subtrees.
+    /// Names of subtree files.
     pub files: BTreeSet<String>,
 }
 

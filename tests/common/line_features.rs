@@ -1,9 +1,10 @@
-//! Features of a few lines, for trees of lines.
+//! Small line features for trees of lines.
 
 use spinney::lines::LineFeature;
 use spinney::raw::lines::{LineAttribute, LineValue, ValueKind};
 
-/// So many features: short lines and long ones, some with several, some with none, equal ones, and values of all kinds.
+/// Returns `count` features: short and long lines, with several lines or none, duplicates, and
+/// attribute values of all types.
 pub fn some(count: i32) -> (Vec<LineAttribute>, Vec<LineFeature>) {
     let attributes = [("name", ValueKind::Text), ("lanes", ValueKind::Integer), ("other", ValueKind::Mixed)];
     let attributes =

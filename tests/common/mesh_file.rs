@@ -1,13 +1,13 @@
-//! Second readers of mesh files, and what is true of every closed mesh.
+//! Independent readers of mesh files, and properties that every closed mesh has.
 
 use std::collections::HashMap;
 
-/// A mesh as it stands in a file.
+/// A mesh as stored in a file.
 #[derive(Default)]
 pub struct Read {
     pub points: Vec<[f64; 3]>,
     pub faces: Vec<Vec<usize>>,
-    /// Numbers behind each face's list.
+    /// Numbers that follow each face's vertex list.
     pub told: Vec<Vec<u16>>,
 }
 
@@ -128,7 +128,8 @@ pub fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 impl Read {
-    /// Every edge is passed as often one way as the other, all points are there once and are used.
+    /// Checks that each edge is used equally often in both directions, and that all points are
+    /// distinct and used.
     pub fn check_closed(&self, what: &str) {
         let mut edges = HashMap::new();
         let mut used = vec![false; self.points.len()];
@@ -151,12 +152,12 @@ impl Read {
         assert_eq!(places.len(), self.points.len(), "{what}: points twice");
     }
 
-    /// The surface is a manifold, of points by their places: every edge has two faces, which pass it in opposite directions, and
-    /// the faces around a point are one fan.
+    /// Checks that the surface is a manifold, with points identified by position: each edge has two
+    /// faces that use it in opposite directions, and the faces around a point form one fan.
     pub fn check_manifold(&self, what: &str) {
         self.check_closed(what);
         let mut edges: HashMap<[usize; 2], usize> = HashMap::new();
-        // By corner of a face: the point before it, and the one behind it.
+        // For each vertex of a face: the previous vertex and the next one.
         let mut around: Vec<HashMap<usize, usize>> = vec![HashMap::new(); self.points.len()];
         for face in &self.faces {
             for (i, at) in face.iter().enumerate() {
@@ -184,11 +185,11 @@ impl Read {
     }
 
     pub fn volume(&self) -> f64 {
-        // Whole numbers, and so exact sums, in cell coordinates.
+        // Coordinates in cells are integers, so the sums are exact.
         self.triangles().map(|[a, b, c]| dot(a, cross(b, c))).sum::<f64>() / 6.0
     }
 
-    /// Area of the faces that look along each axis, there and back.
+    /// Area of the faces per axis and direction.
     pub fn areas(&self) -> [f64; 6] {
         let mut areas = [0.0; 6];
         for [a, b, c] in self.triangles() {

@@ -30,7 +30,7 @@ use spinney::{
     Result, Rule, SampleType, SetOperation, TreeType, Value, ValueType,
 };
 
-/// The picture behind the literature's two ten-record tables, row 0 in the north.
+/// The image of the ten-record tables in the literature, row 0 in the north.
 pub const CLASSIC: [[u8; 8]; 8] = [
     [1, 1, 1, 3, 3, 1, 1, 1],
     [1, 1, 3, 3, 3, 3, 1, 1],
@@ -49,17 +49,17 @@ pub const QUAD: TreeType = TreeType::new(Dimension::Quad, BYTE);
 /// Octrees of bytes.
 pub const OCT: TreeType = TreeType::new(Dimension::Oct, BYTE);
 
-/// Quadtrees of values with so many samples of a type.
+/// Returns the quadtree type with `channels` samples of a type.
 pub const fn quad(sample: SampleType, channels: u8) -> TreeType {
     TreeType::new(Dimension::Quad, ValueType::new(sample, channels))
 }
 
-/// Octrees of values with so many samples of a type.
+/// Returns the octree type with `channels` samples of a type.
 pub const fn oct(sample: SampleType, channels: u8) -> TreeType {
     TreeType::new(Dimension::Oct, ValueType::new(sample, channels))
 }
 
-/// All types of values that trees can have.
+/// Returns all value types of trees.
 pub fn value_types() -> Vec<ValueType> {
     let of = |sample| (1..=4).map(move |channels| ValueType::new(sample, channels));
     let types: Vec<_> =
@@ -78,7 +78,7 @@ pub fn as_byte(value: Value) -> u8 {
     value.to_bytes()[0]
 }
 
-/// Test data that may be absent: `../shared/data`, or where `SPINNEY_DATA` points.
+/// Returns the optional test data directory: `$SPINNEY_DATA`, or `../shared/data`.
 pub fn shared_data() -> Option<PathBuf> {
     let folder = std::env::var_os("SPINNEY_DATA").map(PathBuf::from);
     let folder = folder.unwrap_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/data"));
@@ -89,7 +89,7 @@ pub fn shared_data() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// Models of public bug reports, if the test data have them.
+/// Returns the models of public bug reports, if the test data has them.
 pub fn reported_models() -> Option<PathBuf> {
     let models = shared_data()?.join("hostile/reports/models");
     if !models.is_dir() {
@@ -99,7 +99,7 @@ pub fn reported_models() -> Option<PathBuf> {
     Some(models)
 }
 
-/// Small numbers that look random but are the same every time (splitmix64).
+/// Deterministic pseudorandom numbers (splitmix64).
 pub struct Random(pub u64);
 
 impl Random {
@@ -117,7 +117,7 @@ impl Random {
     }
 }
 
-/// Cells of a box, in an array: the simplest model of a tree.
+/// Cells of a box in an array: the simplest reference model of a tree.
 #[derive(Clone)]
 pub struct Cells {
     pub form: TreeType,
@@ -131,7 +131,7 @@ impl Cells {
         if inside { self.cells[((z * self.size[1] + y) * self.size[0] + x) as usize] } else { None }
     }
 
-    /// Patches of few values, some VOID, with noise in places: something of everything.
+    /// Random patches of few values, some VOID, with some noise.
     pub fn random(form: TreeType, seed: u64, size: [u64; 3], values: u64, void: bool) -> Cells {
         let mut random = Random(seed);
         let side = 1 + random.below(24);
@@ -151,13 +151,14 @@ impl Cells {
         Cells { form, size, cells }
     }
 
-    /// A cell that may lie outside.
+    /// Returns the value of a cell; `None` outside the box.
     pub fn at(&self, cell: [i64; 3]) -> Option<Value> {
         let inside = cell.iter().all(|cell| *cell >= 0);
         if inside { self.get(cell.map(|cell| cell as u64)) } else { None }
     }
 
-    /// Every cell for itself, one in five VOID: nothing is like its neighbours, so that no two places can be confused.
+    /// Random cells without spatial correlation, one in five VOID, so that a wrong position changes
+    /// the result.
     pub fn noise(form: TreeType, seed: u64, size: [u64; 3], values: u64) -> Cells {
         let mut random = Random(seed);
         let cells = (0..size.iter().product()).map(|_| {
@@ -167,18 +168,18 @@ impl Cells {
         Cells { form, size, cells: cells.collect() }
     }
 
-    /// As slabs of rows of blocks.
+    /// The cells as slabs of rows of blocks.
     pub fn slabs(&self, nodata: Value) -> CellSlabs<'_> {
         let block = if self.form.dimension == Dimension::Quad { 256 } else { 64 };
         CellSlabs { cells: self, block, next: [0; 3], nodata }
     }
 
-    /// Levels of the smallest tree that has them all.
+    /// Depth of the smallest tree that contains all cells.
     pub fn depth(&self) -> u8 {
         depth_for(self.size)
     }
 
-    /// As the smallest tree that has them all.
+    /// The smallest tree that contains all cells.
     pub fn tree(&self, rule: Rule) -> MemTree {
         self.tree_of_depth(self.depth(), rule)
     }
@@ -193,10 +194,10 @@ impl Cells {
     }
 }
 
-/// Some value for a number; different numbers below 2^8 give different values.
+/// Returns a value for a number. Different numbers below 2^8 give different values.
 pub fn value(value_type: ValueType, number: u64) -> Value {
     match value_type.sample {
-        // Neighbours that f64 cannot tell apart.
+        // Consecutive integers that are equal as f64.
         SampleType::U64 => return Value::from([(1 << 63) + 3 + number]),
         SampleType::I64 => return Value::from([(1 << 53) - i64::MAX + number as i64]),
         _ => {}
@@ -254,26 +255,26 @@ pub fn options(rule: Rule, kind: DataKind, depth: u8) -> BuildOptions {
     BuildOptions::new(kind, depth).rule(rule).memory(64 << 20)
 }
 
-/// Options, or anything else, with a change.
+/// Returns options, or any other value, with a change.
 pub fn with<T>(mut it: T, change: impl FnOnce(&mut T)) -> T {
     change(&mut it);
     it
 }
 
-/// Makes a file of cells, by way of slabs; its name says which format it has.
+/// Writes cells to a file as slabs. The file name selects the format.
 pub fn write_cells(path: &Path, cells: &Cells, options: &BuildOptions) {
     let nodata = value(cells.form.value, 250);
     let output = Output::create(path).unwrap();
     build_slabs(cells.form, &mut cells.slabs(nodata), Some(nodata), options, output, &()).unwrap();
 }
 
-/// Makes a file of cells, by way of slabs, somewhere in the world.
+/// Writes cells with a frame to a Goblin file, as slabs.
 pub fn write_goblin(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), frame: Frame) {
     let metadata = Metadata { frame, ..Metadata::default() };
     write_cells(path, cells, &options(rule, kind, cells.depth()).metadata(metadata));
 }
 
-/// The bytes of a file that something is written to.
+/// Returns the bytes of a file that a function writes.
 pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
@@ -281,12 +282,12 @@ pub fn bytes_of(write: impl FnOnce(&Path)) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// The bytes of the file that slabs make.
+/// Returns the bytes of a Goblin file written from slabs.
 pub fn goblin_bytes(cells: &Cells, rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
 }
 
-/// The bytes of the file that a tree makes.
+/// Returns the bytes of a Goblin file written from a tree.
 pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| {
         let output = Output::create(path).unwrap();
@@ -294,7 +295,7 @@ pub fn goblin_from_tree(tree: &MemTree, extent: [u64; 3], rule: Rule, kind: Data
     })
 }
 
-/// The bytes of the file that trees over each other make.
+/// Returns the bytes of a Goblin file written from combined trees.
 pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: DataKind) -> Vec<u8> {
     bytes_of(|path| {
         let output = Output::create(path).unwrap();
@@ -302,7 +303,7 @@ pub fn goblin_from_combined(source: &Combined, rule: Rule, kind: DataKind) -> Ve
     })
 }
 
-/// The bytes of the file that a view makes.
+/// Returns the bytes of a Goblin file written from a view.
 pub fn goblin_from_view(view: &View, rule: Rule, kind: DataKind) -> Vec<u8> {
     goblin_from_combined(&combined(vec![view.clone()], CombineOperation::Over, view.extent()), rule, kind)
 }
@@ -311,42 +312,42 @@ pub fn goblin(cells: &Cells, rule: Rule, kind: DataKind) -> Goblin {
     Goblin::from_bytes(goblin_bytes(cells, rule, kind)).unwrap()
 }
 
-/// A file of cells, open for all questions.
+/// Writes cells to a file and opens it as a dataset.
 pub fn dataset(cells: &Cells, rule: Rule, kind: DataKind) -> Dataset {
     opened(|path| write_goblin(path, cells, (rule, kind), Frame::identity()))
 }
 
-/// A file that something is written to, open for all questions.
+/// Opens a file that a function writes as a dataset.
 pub fn opened(write: impl FnOnce(&Path)) -> Dataset {
-    // (What is mapped stays there when its name is gone.)
+    // The mapping stays valid after the file is removed.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     write(&path);
     dataset::open(&path, &OpenOptions::new()).unwrap()
 }
 
-/// A tree in memory as it is.
+/// A view of a tree in memory.
 pub fn view_of(tree: &MemTree, extent: [u64; 3]) -> View {
     view_of_file(tree.clone(), extent)
 }
 
-/// Cells as they are.
+/// A view of cells.
 pub fn view_of_cells(cells: &Cells) -> View {
     view_of(&cells.tree(Rule::Mean), cells.size)
 }
 
-/// Cells somewhere in the world.
+/// A view of cells with a frame.
 pub fn view_in(cells: &Cells, frame: &Frame) -> View {
     let write = |path: &Path| write_goblin(path, cells, (Rule::Mean, DataKind::Continuous), frame.clone());
     view_of_file(Goblin::from_bytes(bytes_of(write)).unwrap(), cells.size)
 }
 
-/// All cells of a view.
+/// Returns all cells of a view.
 pub fn seen(view: &View) -> Cells {
     cells_of(view, view.extent())
 }
 
-/// A file as it is.
+/// A view of a file.
 pub fn view_of_file(source: impl Into<ViewSource>, extent: [u64; 3]) -> View {
     View::new(Arc::new(source.into()), extent).unwrap()
 }
@@ -360,7 +361,7 @@ pub fn combined(views: Vec<View>, operation: CombineOperation, extent: [u64; 3])
     Combined::new(views, operation, extent).unwrap()
 }
 
-/// The node's cells, the slow way.
+/// Enumerates the cells of a node, by brute force.
 pub fn cells_below(code: Code, depth: u8) -> impl Iterator<Item = Cell> {
     let side = 1u32 << (depth - code.level());
     let [x, y, z] = code.cell();
@@ -371,7 +372,7 @@ pub fn cells_below(code: Code, depth: u8) -> impl Iterator<Item = Cell> {
     })
 }
 
-/// The children of an inner node.
+/// Returns the children of an INNER node.
 pub fn children<S: Source>(source: &S, node: &S::Node) -> Vec<Child<S::Node>> {
     try_children(source, node).unwrap()
 }
@@ -382,7 +383,7 @@ pub fn try_children<S: Source>(source: &S, node: &S::Node) -> Result<Vec<Child<S
     Ok(children.into_iter().take(source.form().children()).collect())
 }
 
-/// All cells of a source, by walking it.
+/// Returns all cells of a source by traversing it.
 pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells {
     let tree = MemTree::from_source(source, Rule::Nearest).unwrap();
     let (form, depth) = (tree.form(), tree.depth());
@@ -392,7 +393,7 @@ pub fn cells_of<S: Source>(source: &S, extent: [u64; 3]) -> Cells {
     })
 }
 
-/// The cells that a function gives.
+/// Returns the cells that a function computes.
 pub fn made(form: TreeType, size: [u64; 3], cell: impl Fn([u64; 3]) -> Option<Value>) -> Cells {
     let mut cells = Vec::new();
     for z in 0..size[2] {
@@ -417,7 +418,7 @@ pub fn assert_same(found: &Cells, expected: &Cells, what: &str) {
     }
 }
 
-/// A small size.
+/// Returns a small random size.
 pub fn quad_size(random: &mut Random) -> [u64; 3] {
     [1 + random.below(60), 1 + random.below(60), 1]
 }

@@ -1,4 +1,4 @@
-//! Octree files of bytes for tests of the program, and what is in them.
+//! Octree files of bytes for tests of the program, and their cells.
 
 use std::path::Path;
 
@@ -7,13 +7,13 @@ use spinney::{DataKind, Dataset, Dimension, Frame, OpenOptions, Rule};
 
 use super::{Cells, OCT, byte, write_goblin};
 
-/// A place in the world in which no axis is like another and no number is rounded.
+/// A frame whose axes all differ and whose numbers are exact in f64.
 pub fn frame() -> Frame {
     let matrix = [[0.5, 0.0, 0.0, 100.0], [0.0, -0.25, 0.0, 40.0], [0.0, 0.0, 2.0, -16.0]];
     Frame { matrix, ..Frame::identity() }
 }
 
-/// Makes a file in which values are averaged, at some cell of [`frame`].
+/// Writes a file of averaged values at a cell of [`frame`].
 pub fn write(path: &Path, cells: &Cells, at: [i64; 3]) {
     assert_eq!(cells.form, OCT);
     let frame = frame().shifted(at.map(|cell| cell as f64));
@@ -26,7 +26,7 @@ pub fn open(path: &Path) -> Dataset {
     tree
 }
 
-/// All cells of a file, which has to be in order.
+/// Verifies a file and returns all its cells.
 pub fn read(path: &Path) -> Cells {
     let tree = open(path);
     assert_eq!(tree.verify(1 << 24, &()).unwrap(), [], "{}", path.display());

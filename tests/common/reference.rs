@@ -1,5 +1,5 @@
-//! Writes Goblin files by the letter of formats.md, from trees in memory: with any reach, stride and threshold, which
-//! Spinney's own writer does not choose. Values are integers of at most 32 bits.
+//! Writes Goblin files from trees in memory as formats.md specifies, with any reach, stride and
+//! threshold, which Spinney's writer does not offer. Values are integers of at most 32 bits.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use spinney::raw::tree::no_children;
 use spinney::tree::{Child, MemTree, Source};
 use spinney::{Code, DataKind, Dimension, Number, Rule, Value, ValueType};
 
-/// The numbers of a file that say how its tree is cut into segments.
+/// Parameters of how a tree is cut into segments.
 #[derive(Clone, Copy, Debug)]
 pub struct Cut {
     pub reach: u8,
@@ -16,7 +16,7 @@ pub struct Cut {
 }
 
 impl Cut {
-    /// As many CUT children as there can be.
+    /// The maximum number of CUT children.
     pub const EVERYWHERE: Cut = Cut { reach: 2, stride: 1, threshold: 1 };
 
     fn is_candidate(self, depth: u8, level: u8) -> bool {
@@ -24,7 +24,7 @@ impl Cut {
     }
 }
 
-/// An INNER node with all that is below it.
+/// An INNER node with its subtree.
 struct Inner {
     code: Code,
     children: Vec<Place>,
@@ -48,18 +48,19 @@ impl Place {
     }
 }
 
-/// A dense block in the making: the values of each level in rows, and the states of the bottom nodes.
+/// A dense block under construction: the values of each level in rows, and the states of the bottom
+/// nodes.
 struct DenseRows {
     levels: u8,
     rows: Vec<Vec<Vec<u8>>>,
     states: Vec<u8>,
 }
 
-/// Knowledge of the cells below a node.
+/// Statistics of the cells below a node.
 #[derive(Clone, Default)]
 struct Sums {
     cells: u64,
-    /// Least, greatest, sum and sum of squares, by channel.
+    /// Minimum, maximum, sum and sum of squares per channel.
     channels: Vec<(i128, i128, i128, i128)>,
     classes: BTreeMap<Vec<u8>, u64>,
 }
@@ -71,12 +72,12 @@ struct Writer<'a> {
     /// VOID, LEAF and INNER nodes by level.
     levels: Vec<[u64; 3]>,
     file: Vec<u8>,
-    /// Entries of the directory, by code.
+    /// Entries of the segment index, by code.
     entries: BTreeMap<u64, Vec<u8>>,
     stored: u64,
 }
 
-/// The bytes of a file. Classes are counted where the specification says so.
+/// Returns the bytes of a file. Classes are counted where the specification requires it.
 pub fn goblin(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), cut: Cut) -> Vec<u8> {
     let counts_classes = kind == DataKind::Categorical || rule == Rule::Majority;
     let (levels, entries) = (vec![[0; 3]; usize::from(tree.depth()) + 1], BTreeMap::new());
@@ -115,12 +116,14 @@ fn tree_header(tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind),
     header
 }
 
-/// Whether a node is another one or lies below it, by their codes, which have so many bits for a level.
+/// Returns whether the node with code `below` is the node `above` or a descendant, with `bits` bits
+/// per level.
 fn contains(above: u64, below: u64, bits: u64) -> bool {
     above <= below && below <= above | (u64::MAX >> 1 >> (bits * (above & 31)).min(63))
 }
 
-/// The pages of a directory, whose first starts at a place of the run, with the levels of the index behind them but for the top; and the top.
+/// Returns the pages of a segment index, followed by the lower levels of the index over them; and
+/// the top level. The first page starts at offset `start` of the run.
 pub fn directory(entries: &[Vec<u8>], bits: u64, start: u64) -> (Vec<u8>, Vec<u8>) {
     let code = |entry: &Vec<u8>| u64::from_le_bytes(entry[..8].try_into().unwrap());
     let (mut pages, mut top) = (Vec::new(), Vec::new());
@@ -154,7 +157,7 @@ pub fn directory(entries: &[Vec<u8>], bits: u64, start: u64) -> (Vec<u8>, Vec<u8
     (pages, top)
 }
 
-/// A file's end, behind the table of layers, which starts at a place.
+/// Appends the trailer of a file: the section table and what follows it.
 pub fn trailer(file: &mut Vec<u8>, sections: &[([u8; 4], std::ops::Range<usize>)]) {
     let mut trailer = file[..24].to_vec();
     let length = 24 + 8 + 4 + 24 * sections.len();
@@ -181,7 +184,7 @@ impl Writer<'_> {
         value.to_bytes()[..self.value_type().size()].to_vec()
     }
 
-    /// A node with all that is below it, counted.
+    /// Returns a node with its subtree, counted.
     fn place(&mut self, code: Code, child: Child<<MemTree as Source>::Node>) -> Place {
         let level = usize::from(code.level());
         self.levels[level][child.state() as usize] += 1;
@@ -232,13 +235,14 @@ impl Writer<'_> {
         self.cut.is_candidate(self.tree.depth(), level)
     }
 
-    /// The level above which segments are in the crown.
+    /// The level above which segments belong to the top levels.
     fn crown_level(&self) -> u8 {
         let (depth, reach) = (self.tree.depth(), self.cut.reach);
         if depth <= reach { 0 } else { (depth - reach).saturating_sub(6).max((depth - reach).min(3)) }
     }
 
-    /// Writes the segments of all nodes below a node, then its own, if it owns one; those of the crown or the others.
+    /// Writes the segments of all nodes below a node, then its own, if it has one; those of the top
+    /// levels, or the others.
     fn segments(&mut self, node: &Inner, is_root: bool, in_crown: bool) {
         for child in &node.children {
             if let Place::Inner(_, node) = child {
@@ -253,7 +257,7 @@ impl Writer<'_> {
 
     fn segment(&mut self, node: &Inner) {
         let (top, depth) = (node.code.level(), self.tree.depth());
-        // Without candidates below it, the node stands for the one that there would be.
+        // Without candidates below it, the node takes the role of the missing candidate.
         let bottom = (top + self.cut.reach >= depth).then_some(depth);
         let records = self.records(node, top, bottom);
         let count = (records.len() / self.record_size()) as u32;
@@ -262,7 +266,7 @@ impl Writer<'_> {
         let is_listed = self.counts_classes && node.sums.classes.len() <= 1024;
         let classes = if is_listed { node.sums.classes.clone() } else { BTreeMap::new() };
         let listed = if self.counts_classes && !is_listed { u16::MAX } else { classes.len() as u16 };
-        // (By value: of unsigned bytes the order is that of the numbers.)
+        // By value: for unsigned bytes the byte order is the numeric order.
         for (value, cells) in &classes {
             self.file.extend(value);
             self.file.extend(cells.to_le_bytes());
@@ -290,8 +294,9 @@ impl Writer<'_> {
         form.children() * form.width() + if form.dimension == Dimension::Oct { 8 } else { 4 }
     }
 
-    /// What a segment of level `top` has of a node: records, or a dense block where that takes less than an eighth more places. The bottom is that
-    /// of the candidate, at the next candidates' level, that the node is or is in; there is none above these.
+    /// Returns the records of a node in a segment of level `top`, or a dense block if that takes
+    /// less than an eighth more records. `bottom` is the bottom of the candidate at the next
+    /// candidate level that contains the node, or `None` above that level.
     fn records(&self, node: &Inner, top: u8, bottom: Option<u8>) -> Vec<u8> {
         let is_octree = self.tree.form().dimension == Dimension::Oct;
         let (mut states, mut below) = (0u32, Vec::new());
@@ -340,7 +345,8 @@ impl Writer<'_> {
         record
     }
 
-    /// The kind and the payload of a node as a dense block of so many levels; `None` if there is no such kind.
+    /// Returns the kind and the payload of a node as a dense block of `levels` levels; `None` if no
+    /// kind fits.
     fn dense(&self, node: &Inner, levels: u8) -> Option<(u32, Vec<u8>)> {
         let mut block = DenseRows { levels, rows: Vec::new(), states: Vec::new() };
         for level in 0..=levels {
@@ -352,7 +358,7 @@ impl Writer<'_> {
             self.paint(child, 1, [0; 3], step, &mut block);
         }
         let has = |state: u8| block.states.contains(&state);
-        // The state whose nodes have their bits set.
+        // The state of the nodes whose bits are set.
         let (kind, set) = match (has(0), has(1), has(3)) {
             (false, true, false) => (1, None),
             (false, false, true) => (2, None),
@@ -369,7 +375,7 @@ impl Writer<'_> {
         Some((kind, payload))
     }
 
-    /// Writes a child of the node at a place of the level above to the rows, and all that is below it.
+    /// Writes a child, at a position of the level above, and its subtree to the rows.
     fn paint(&self, place: &Place, level: u8, above: [usize; 3], step: usize, block: &mut DenseRows) {
         let at: [usize; 3] = std::array::from_fn(|axis| 2 * above[axis] + (step >> axis & 1));
         let side = 1 << level;
@@ -389,7 +395,8 @@ impl Writer<'_> {
         }
     }
 
-    /// Version, frame (the identity), nothing that is known of the data, and the nodes per level.
+    /// Returns the metadata: version, frame (the identity), no description of the data, and nodes
+    /// per level.
     fn metadata(&self) -> Vec<u8> {
         let mut metadata = vec![1];
         for row in 0..3 {

@@ -1,4 +1,4 @@
-//! Set operations on exact models made in tests, and what their results really are.
+//! Set operations on exact models for tests, and their expected results.
 
 use spinney::brep::{Face, Faces, Grid, Location, MassProperties, combine};
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
@@ -10,7 +10,7 @@ use super::{Random, set_operation};
 
 pub type Solid = Vec<Vec<Ring>>;
 
-/// Memory that is enough.
+/// A sufficient memory limit in bytes.
 pub const MEMORY: u64 = 256 << 20;
 
 /// A model in memory, with the bytes of its file.
@@ -19,7 +19,7 @@ pub struct Body {
     pub bytes: Vec<u8>,
 }
 
-/// A grid of 2^bits steps of 1.
+/// Returns a grid of 2^bits steps of 1.
 pub fn grid(bits: u8) -> Grid {
     Grid { bits, origin: [0; 3], step: 1.0, divisor: 1.0 }
 }
@@ -35,23 +35,23 @@ impl Body {
         Body::of_bytes(bytes.unwrap())
     }
 
-    /// A body on a grid of 2^bits whole numbers.
+    /// Returns a body on a grid of 2^bits steps of 1.
     pub fn of(faces: &Solid, bits: u8) -> Body {
         Body::of_list(&model_on(grid(bits), faces))
     }
 
-    /// The volume; that of a complement is less than nothing.
+    /// Returns the volume; negative for a complement.
     pub fn volume(&self) -> f64 {
         MassProperties::of(&self.model, &()).unwrap().volume
     }
 
-    /// Whether every edge has two faces.
+    /// Returns whether every edge has two faces.
     pub fn is_closed(&self) -> bool {
         let topology = Topology::of(&self.model, &TopologyOptions::default(), &()).unwrap();
         topology.euler().boundaries == 0 && topology.is_closed()
     }
 
-    /// Whether each edge is there as often in one direction as in the other.
+    /// Returns whether each edge is used equally often in both directions.
     pub fn edges_cancel(&self) -> bool {
         let mut edges = Vec::new();
         let mut add = |face: &Face<'_>| {
@@ -71,14 +71,14 @@ impl Body {
         self.model.locate(point).unwrap() == Location::Inside
     }
 
-    /// Fails if the surface is open, or the file not as it should be.
+    /// Panics if the surface is open or the file is not valid.
     pub fn check(&self) {
         assert!(self.is_closed() && self.edges_cancel());
         assert_eq!(self.model.verify(64 << 20, &()).unwrap(), []);
     }
 }
 
-/// The result of an operation.
+/// Returns the result of an operation.
 pub fn try_combined(operation: u8, bodies: &[&Body]) -> Result<(Body, CombineReport)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("c.goblin");
@@ -102,12 +102,12 @@ pub fn combined(operation: u8, bodies: &[&Body]) -> Body {
     body
 }
 
-/// The operation with the bodies in the other order.
+/// Returns the operation with its operands exchanged.
 pub fn exchanged(operation: u8) -> u8 {
     operation & 9 | (operation & 2) << 1 | (operation & 4) >> 1
 }
 
-/// Whether a place belongs to the result that is in those of two bodies.
+/// Returns whether a point belongs to the result, given which of the two bodies contain it.
 pub fn holds(operation: u8, [a, b]: [bool; 2]) -> bool {
     let bit = match (a, b) {
         (true, true) => 0,
@@ -118,7 +118,7 @@ pub fn holds(operation: u8, [a, b]: [bool; 2]) -> bool {
     operation >> bit & 1 == 1
 }
 
-/// The tetrahedron of four points, outward; `None` if it has no volume.
+/// Returns the tetrahedron of four points, oriented outward; `None` if it has no volume.
 pub fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Solid> {
     let to = |p: [i32; 3]| [0, 1, 2].map(|axis| i128::from(p[axis]) - i128::from(a[axis]));
     let (u, v, w) = (to(b), to(c), to(d));
@@ -129,7 +129,7 @@ pub fn tetrahedron([a, b, c, d]: [[i32; 3]; 4]) -> Option<Solid> {
     (six != 0).then(|| faces.iter().map(|ring| vec![ring.to_vec()]).collect())
 }
 
-/// Convex faces without holes as triangles.
+/// Returns convex faces without holes as triangles.
 pub fn triangulated(faces: &Solid) -> Solid {
     let fan = |ring: &Vec<[i32; 3]>| -> Solid {
         (2..ring.len()).map(|i| vec![vec![ring[0], ring[i - 1], ring[i]]]).collect()
@@ -137,8 +137,9 @@ pub fn triangulated(faces: &Solid) -> Solid {
     faces.iter().flat_map(|rings| fan(&rings[0])).collect()
 }
 
-/// Triangles cut at random points of an edge, each by itself, with faces without an area that join these edges to whole ones; edges are
-/// multiples of `parts`.
+/// Splits triangles at random points of their edges, independently of their neighbours, and adds
+/// faces without area that join the split edges to the whole ones. Edge vectors are multiples of
+/// `parts`.
 pub fn cut_at_edges(faces: &Solid, parts: i32, random: &mut Random) -> Solid {
     let cut = |rings: &Vec<Ring>| {
         let [a, b, c] = [0, 1, 2].map(|corner| rings[0][corner]);

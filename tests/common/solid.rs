@@ -1,4 +1,4 @@
-//! Models made in tests, solids built of them, and winding numbers by brute force.
+//! Models for tests, solids built from them, and brute-force winding numbers.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use super::{Random, cells_of, with};
 pub type Point = [f64; 3];
 pub type Triangle = [Point; 3];
 
-/// A face of a model: rings of corners, the first around the face and the others around its holes.
+/// A face of a model as rings of vertices: the outer ring, then the holes.
 #[derive(Clone)]
 pub struct Polygon {
     pub rings: Vec<Vec<Point>>,
@@ -54,7 +54,7 @@ impl Polygons {
         Box::new(Polygons { info, faces })
     }
 
-    /// Triangles, each of a part and with a colour.
+    /// Returns triangles, each with a part and a colour, as a model.
     pub fn of_triangles(faces: Vec<(Triangle, u32, [u8; 3])>) -> Box<dyn Model> {
         let face = |(triangle, part, colour): (Triangle, u32, [u8; 3])| Polygon {
             rings: vec![triangle.to_vec()],
@@ -107,25 +107,25 @@ pub fn build(model: Box<dyn Model>, options: &SolidOptions) -> (Goblin, SolidRep
     (tree, report)
 }
 
-/// Cells of a space whose cells are the model's units.
+/// Options for cells whose side is one model unit.
 pub fn unit_cells(depth: u8) -> SolidOptions {
     with(SolidOptions::new(), |it| it.resolution = Resolution::Like(Frame::identity(), depth))
 }
 
-/// All cells, x fastest, then y, then z.
+/// Returns all cells; x varies fastest, then y, then z.
 pub fn cells<S: Source>(tree: &S) -> Vec<Option<Value>> {
     let side = 1 << tree.depth();
     cells_of(tree, [side; 3]).cells
 }
 
-/// The box from one corner to the other, outward.
+/// Returns the box between two opposite corners, oriented outward.
 pub fn cuboid([x0, y0, z0]: Point, [x1, y1, z1]: Point) -> Vec<Triangle> {
     let p = |i: usize| [[x0, x1][i & 1], [y0, y1][i >> 1 & 1], [z0, z1][i >> 2]];
     let quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
     quads.into_iter().flat_map(|[a, b, c, d]| [[p(a), p(b), p(c)], [p(a), p(c), p(d)]]).collect()
 }
 
-/// The winding number of a point by solid angles.
+/// Returns the winding number of a point, computed from solid angles.
 pub fn winding(triangles: &[Triangle], at: Point) -> f64 {
     let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
     let cross = |a: Point, b: Point| {
@@ -140,7 +140,7 @@ pub fn winding(triangles: &[Triangle], at: Point) -> f64 {
     triangles.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
 }
 
-/// Tetrahedra at random, some of them overlapping, some turned inside out as a whole.
+/// Returns random tetrahedra: some overlap, some are inside out.
 pub fn tetrahedra(random: &mut Random, count: usize, side: f64, grid: f64) -> Vec<Triangle> {
     let mut triangles = Vec::new();
     for _ in 0..count {

@@ -1,4 +1,4 @@
-//! Small TIFF files, made by hand so that every tag is as a test wants it.
+//! Small TIFF files with arbitrary tags.
 
 use std::io::Write;
 
@@ -19,7 +19,7 @@ pub(crate) struct Ifd {
 }
 
 impl Ifd {
-    /// A grey image of bytes in one strip, for other tags to change.
+    /// Returns a grey image of bytes in one strip, to be changed by other tags.
     pub(crate) fn grey(width: u16, height: u16, strip: Vec<u8>) -> Ifd {
         Ifd { tags: Vec::new(), chunks: vec![strip] }
             .short(256, &[width])
@@ -32,21 +32,22 @@ impl Ifd {
         self.tag(tag, Values::Short(values.to_vec()))
     }
 
-    /// Sets a tag, in place of what it was.
+    /// Sets a tag, replacing its previous values.
     pub(crate) fn tag(mut self, tag: u16, values: Values) -> Ifd {
         self.tags.retain(|(other, _)| *other != tag);
         self.tags.push((tag, values));
         self
     }
 
-    /// Sets the strips, or the tiles if the tags have a tile width; an empty one is left out of the file.
+    /// Sets the strips, or the tiles if the tags have a tile width. An empty chunk is omitted from
+    /// the file.
     pub(crate) fn chunks(mut self, chunks: &[Vec<u8>]) -> Ifd {
         self.chunks = chunks.to_vec();
         self
     }
 }
 
-/// The bytes of a file of these images, little-endian.
+/// Returns the bytes of a little-endian file of these images.
 pub(crate) fn file(ifds: &[Ifd]) -> Vec<u8> {
     let mut bytes = b"II*\0\0\0\0\0".to_vec();
     let mut link = 4;

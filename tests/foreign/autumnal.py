@@ -1,4 +1,4 @@
-"""A reader of Autumnal files, written from sections 18 to 26 and 41 of formats.md; the rest is as in reader.py."""
+"""Reader of Autumnal files, written from sections 18 to 26 and 41 of formats.md; see reader.py."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ FIRST = 12288
 
 
 def heights(form: Form, levels: int) -> list[int]:
-    """Heights of nodes with records, whose runs have so many levels, ascending."""
+    """Heights of the nodes with records, ascending, for runs of `levels` levels."""
     return [*range(levels, form.depth, 2), form.depth]
 
 
 def pointed(form: Form, levels: int, height: int) -> int:
-    """How many levels further down the pointers of a record of a node lead; 0 if it has none."""
+    """Levels from a node to the nodes its record points to; 0 if it has no pointers."""
     check(height in heights(form, levels), "a node of this height has no record")
     return height - max(h for h in heights(form, levels) if h < height) if height > levels else 0
 
 
 def zoned(form: Form, levels: int, height: int) -> bool:
-    """Whether the record of a node has a zone."""
+    """Whether a node's record has a zone."""
     return height > levels and (height >= (7 if form.axes == 2 else 5) or height == form.depth)
 
 
 @dataclass
 class Record:
-    """A pointered record: its place, run, the records that it leads to by the numbers of their nodes, and the zone."""
+    """A record with pointers: its address, its run, the records it points to by node number, and
+    its zone."""
 
     at: int
     node: Code
@@ -48,7 +49,7 @@ class Record:
 
 
 class LayerOfCommit(Tree):
-    """A layer as it was at a commit."""
+    """A layer at a commit."""
 
     def __init__(self, file: "Autumn", commit: int, b: Bytes) -> None:
         self.file, self.commit = file, commit
@@ -93,7 +94,7 @@ class LayerOfCommit(Tree):
                 if bits >> i & 1:
                     pointers[i] = at - int.from_bytes(b.take(size), "little")
                     check(FIRST <= pointers[i] < at, "a pointer that leads nowhere")
-        # The skip of the first record, which is in its last bytes, tells how long the run is.
+        # The skip of the first record, in its last bytes, gives the run's length.
         end = b.at + f.record
         check(end <= len(b.data), "a record ends too early")
         skip = int.from_bytes(b.data[end - f.axes - 1 : end], "little") & (1 << f.skips) - 1
@@ -138,7 +139,8 @@ class LayerOfCommit(Tree):
         return self.record(self.root, Code(0, (0,) * self.form.axes)).run
 
     def next(self, record: Record, node: Code) -> Record | None:
-        """The record to which a pointer leads on the way to a node; None if there is no pointer."""
+        """Returns the record that a pointer leads to on the path to a node; None without a
+        pointer."""
         to = node.up(node.level - record.node.level - record.below)
         number = 0
         for child in to.path[record.node.level :]:
@@ -165,7 +167,8 @@ class LayerOfCommit(Tree):
         return None if state == VOID else value
 
     def verify(self) -> Pyramid:
-        """All records, their values and zones, and what follows from the cells; raises `Damaged` where something is wrong."""
+        """Checks all records, values and zones, and what follows from the cells; raises
+        `Damaged`."""
         pyramid = verify_tree(self)
         root = pyramid.levels[0]
         check((self.cells, self.inner) == (int(root.cells.flat[0]), int(root.nodes.flat[0])), "cells or nodes of the layer")
@@ -196,7 +199,8 @@ class LayerOfCommit(Tree):
 
 
 class Packed:
-    """A packed extent (section 41): its records become those of section 21. Their addresses count them."""
+    """A packed extent (section 41), unpacked to records of section 21. Addresses count its
+    records."""
 
     def __init__(self, file: "Autumn", start: int, data: bytes) -> None:
         self.first, self.levels = start + 32, file.levels
@@ -206,7 +210,7 @@ class Packed:
         if codec > 1:
             raise Unknown("the codec of a packed extent")
         self.form = form = Form(b.take(48), file.header)
-        # (Plain ones do not tell heights.)
+        # Plain records do not store heights.
         self.heights: list[int | None] = [None] * count
         if codec:
             check(size <= 65536 + 4096 * (len(data) - 56), "bytes of records")
@@ -223,7 +227,7 @@ class Packed:
             self.records = [data[56 + a : 56 + e] for a, e in zip(starts, starts[1:])]
 
     def _beside(self, number: int, height: int, b: Bytes, run: bytes) -> list[bytes]:
-        """What stands behind the representative of a record."""
+        """Returns what follows the representative of a record."""
         f, below, at = self.form, pointed(self.form, self.levels, height), self.first + number
         found = []
         if below:
@@ -242,7 +246,7 @@ class Packed:
         return found
 
     def record(self, number: int, form: Form, height: int) -> bytes:
-        """The bytes of the record of a node."""
+        """Returns the bytes of a node's record."""
         check(number in range(len(self.records)), "a record outside any extent")
         check(form.raw == self.form.raw and self.heights[number] in (None, height), "a record of another node")
         return self.records[number]
@@ -250,7 +254,7 @@ class Packed:
 
 @dataclass
 class Commit:
-    """A state of all layers."""
+    """One state of all layers."""
 
     at: int
     number: int
@@ -303,7 +307,7 @@ class Autumn:
         return (sequence, commit, end) if whole and FIRST <= commit < end else None
 
     def _look_behind(self) -> None:
-        """The newest commit, if its slot is damaged: it stands behind the one that is known."""
+        """Finds the newest commit if its slot is corrupt: it follows the known one."""
         known = self.newest, self.sequence, self.end
         at, self.end = -(-self.end // 4096) * 4096, len(self.data)
         while head := self.head(at):
@@ -320,7 +324,7 @@ class Autumn:
         self.newest, self.sequence, self.end = known
 
     def head(self, at: int) -> tuple[int, int] | None:
-        """Kind and length of an extent, if there is a whole head."""
+        """Returns kind and length of an extent, if its head is complete."""
         b = Bytes(self.data[at : at + 32])
         if at + 32 > self.end or b.take(4) != b"Extt":
             return None
@@ -329,7 +333,7 @@ class Autumn:
         return (kind, length) if whole else None
 
     def extent(self, at: int) -> tuple[int, bytes]:
-        """Kind and bytes of an extent, checked."""
+        """Returns kind and bytes of an extent, checked."""
         if at not in self.cache:
             head = self.head(at) if at >= FIRST and at % 512 == 0 else None
             check(head, "no extent where one must be")
@@ -340,7 +344,8 @@ class Autumn:
         return self.cache[at]
 
     def around(self, at: int, form: Form, height: int) -> tuple[Bytes, bool]:
-        """The bytes that begin with the record of a node, and whether they are this record alone."""
+        """Returns the bytes that begin with a node's record, and whether they are only this
+        record."""
         start = at // 512 * 512
         while start >= FIRST and not self.head(start):
             start -= 512
@@ -375,14 +380,15 @@ class Autumn:
         for i, commit in enumerate(self.commits):
             check(commit.sequence == i + 1 and commit.at % 512 == 0, "sequences of commits")
             check(i == 0 or commit.number > self.commits[i - 1].number, "numbers of commits")
-            # The older commit of one that follows c: c, or that of its older one, if both are as far away.
+            # The older commit of the next one: c, or the older commit of c, if both distances are
+            # equal.
             c = i
             far = older.get(c, 0)
             older[i + 1] = older[far] if far and older[far] and c - far == far - older[far] else c
             check(commit.older == (older[i + 1], self.commits[older[i + 1] - 1].at if older[i + 1] else 0), "the older commit")
 
     def verify(self) -> None:
-        """Raises `Damaged` unless all of a file is right."""
+        """Raises `Damaged` unless the whole file is valid."""
         check(self.slots_are_whole, "a slot is damaged")
         for commit in self.commits:
             for layer in commit.layers:

@@ -1,4 +1,5 @@
-"""What files have in common: numbers, checksums, codes of nodes, header, trailer and metadata (sections 2, 3, 5, 9 and 10 of formats.md)."""
+"""Common parts of files: numbers, checksums, codes of nodes, header, trailer and metadata (sections
+2, 3, 5, 9 and 10 of formats.md)."""
 
 from __future__ import annotations
 
@@ -12,15 +13,15 @@ Point = tuple[int, ...]
 
 
 class Damaged(Exception):
-    """The file is not what the page says."""
+    """The file violates the specification."""
 
 
 class Unknown(Exception):
-    """The file is of a later version, or has something that readers of this one refuse."""
+    """The file has a later version, or a feature that readers of this version reject."""
 
 
 def check(holds: object, what: str) -> None:
-    """Raises unless something holds that must."""
+    """Raises unless a condition holds."""
     if not holds:
         raise Damaged(what)
 
@@ -36,7 +37,7 @@ TABLE = _table()
 
 
 def crc32c(data: bytes) -> int:
-    """The checksum of section 2."""
+    """Returns the checksum of section 2."""
     crc, table = 0xFFFFFFFF, TABLE
     for byte in data:
         crc = crc >> 8 ^ table[crc & 255 ^ byte]
@@ -44,7 +45,7 @@ def crc32c(data: bytes) -> int:
 
 
 class Bytes:
-    """Numbers, one behind the other, of which none is read beyond the end."""
+    """Consecutive numbers, read with bounds checks."""
 
     def __init__(self, data: bytes, at: int = 0) -> None:
         self.data, self.at = data, at
@@ -55,12 +56,12 @@ class Bytes:
         return self.data[self.at - count : self.at]
 
     def get(self, form: str) -> Any:
-        """Numbers of a fixed size, as `struct` names them: one, or a tuple."""
+        """Returns a fixed-size number in `struct` notation: one, or a tuple."""
         found = struct.unpack("<" + form, self.take(struct.calcsize("<" + form)))
         return found[0] if len(found) == 1 else found
 
     def leb(self, most: int = 19) -> int:
-        """A whole number of section 22."""
+        """Returns an integer of section 22."""
         number = 0
         for place in range(most):
             byte = self.get("B")
@@ -111,7 +112,7 @@ class Bytes:
         return dict(found)
 
     def system(self) -> dict[str, Any]:
-        """A coordinate system."""
+        """Returns a coordinate system."""
         kind = self.unsigned()
         check(kind < 5, "a coordinate system is defined in a way that is not known")
         if kind == 0:
@@ -127,13 +128,13 @@ class Bytes:
         return {["wkt", "projjson", "proj"][kind - 2]: self.text()}
 
     def frame(self) -> dict[str, Any]:
-        """A frame: the matrix, its coordinate system, and whether pixels are points."""
+        """Returns a frame: the matrix, its coordinate system, and whether pixels are points."""
         matrix = [self.get("4d") for _ in range(3)]
         return {"matrix": matrix, "crs": self.option(self.system), "points": self.boolean()}
 
 
 def metadata(data: bytes) -> dict[str, Any]:
-    """All fields of section 9."""
+    """Returns all fields of section 9."""
     b = Bytes(data)
     if b.unsigned() != 1:
         raise Unknown("metadata of another version")
@@ -159,20 +160,20 @@ def metadata(data: bytes) -> dict[str, Any]:
 
 
 class Code(NamedTuple):
-    """A node by its level and its coordinates there, x first."""
+    """A node: its level and its coordinates there, x first."""
 
     level: int
     at: Point
 
     @property
     def code(self) -> int:
-        """The FD code of section 3."""
+        """Returns the FD code of section 3."""
         k = len(self.at)
         return self.level | sum(child << 63 - k * (i + 1) for i, child in enumerate(self.path))
 
     @property
     def path(self) -> list[int]:
-        """Child numbers on the way from the root."""
+        """Returns the child numbers on the path from the root."""
         levels = range(self.level - 1, -1, -1)
         return [sum((v >> l & 1) << a for a, v in enumerate(self.at)) for l in levels]
 
@@ -215,12 +216,12 @@ class Header:
 
 
 def check_names(names: list[str]) -> None:
-    """Names of layers are as section 10 says."""
+    """Checks that names of layers are as section 10 requires."""
     check(len(names) == 1 or len(set(names)) == len(names) and "" not in names, "names of layers")
 
 
 def spans(data: bytes, header: Header) -> dict[bytes, tuple[int, int, int]]:
-    """Where the sections that the trailer has are: first byte, bytes and checksum."""
+    """Returns the position, length and checksum of each section in the trailer."""
     check(len(data) >= 40 and data[-8:] == GOBLIN[::-1], "no end")
     size, crc = struct.unpack("<II", data[-16:-8])
     check(36 <= size <= 4096 and size + 40 <= len(data), "the trailer has no room")
@@ -239,7 +240,7 @@ def spans(data: bytes, header: Header) -> dict[bytes, tuple[int, int, int]]:
 
 
 def trailer(data: bytes, header: Header) -> dict[bytes, bytes]:
-    """The sections that the trailer has, checked."""
+    """Returns the sections in the trailer, checked."""
     found = {}
     for tag, (at, size, crc) in spans(data, header).items():
         found[tag] = data[at : at + size]

@@ -1,4 +1,5 @@
-"""The coder of packed segments and extents (section 37 of formats.md), and errors (section 38)."""
+"""The coder of packed segments and extents (section 37 of formats.md), and residuals (section
+38)."""
 
 from __future__ import annotations
 
@@ -13,21 +14,22 @@ from trees import Form, Values
 
 NAMES, SOLID, NUMBERS = 0, 2, 4
 
-# How far a bit's probability moves.
+# Adaptation step of a bit's probability, by count.
 STEPS = [(1 << 17) // (2 * n + 3) for n in range(128)]
-# Where the starts of symbols move to after each of them, how far, and where they begin.
+# Targets of the symbols' starts after each symbol, adaptation steps, and initial starts.
 GOALS = [[6 * i if i <= k else (1 << 15) - 6 * (16 - i) for i in range(16)] for k in range(16)]
 RATES = [4 if n < 8 else 5 if n < 24 else 6 if n < 80 else 7 for n in range(81)]
 EVEN = [2048 * i for i in range(16)]
 
 
 def starts(lengths: list[int]) -> list[int]:
-    """Starts of symbols of which the lengths are known."""
+    """Returns the starts of symbols with the given lengths."""
     return [0, *accumulate(lengths)][:16]
 
 
 # fmt: off
-# Lengths of symbols of errors, in the contexts 0 to 13 of a size, then in larger even ones and larger odd ones.
+# Lengths of residual symbols, in the size contexts 0 to 13, then in larger even ones and larger odd
+# ones.
 ERRORS = [
     [15472, 4646, 3873, 1555, 1555, 782, 782, 628, 628, 473, 473, 396, 396, 318, 318, 473],
     [32064, 293, 211, 33, 44, 21, 18, 11, 10, 9, 9, 9, 9, 9, 9, 9],
@@ -51,17 +53,17 @@ ERROR_STARTS = [starts(row) for row in ERRORS]
 
 
 def turned(n: int) -> int:
-    """A signed number, of what it is coded as."""
+    """Decodes a zigzag number."""
     return -(n >> 1) - 1 if n & 1 else n >> 1
 
 
 def wrap(n: int, bits: int) -> int:
-    """A signed number of so many bits."""
+    """Wraps a number to a signed one of `bits` bits."""
     return (n + (1 << bits - 1) & (1 << bits) - 1) - (1 << bits - 1)
 
 
 def context_of(size: int) -> int:
-    """The context of a size."""
+    """Returns the context of a size."""
     if size < 2:
         return size
     bits = size.bit_length()
@@ -69,7 +71,7 @@ def context_of(size: int) -> int:
 
 
 def leb128(data: bytes, at: int) -> tuple[int, int]:
-    """A number in LEB128, and where the next one begins."""
+    """Returns a LEB128 number, and the offset after it."""
     found = 0
     for shift in range(0, 35, 7):
         check(at < len(data), "a packed segment ends too early")
@@ -82,7 +84,7 @@ def leb128(data: bytes, at: int) -> tuple[int, int]:
 
 
 class Coder:
-    """Decisions, one after the other, and their probabilities."""
+    """Consecutive decisions and their probabilities."""
 
     def __init__(self, data: bytes) -> None:
         head = Bytes(data)
@@ -104,7 +106,7 @@ class Coder:
         check(min(self.state, self.other) >= 1 << 32, "states of a packed segment")
 
     def _next(self, state: int) -> None:
-        """Goes on with the other state, when a part is taken of one."""
+        """Continues with the other state after a state was used."""
         if state < 1 << 32:
             check(self.front < self.back, "a packed segment ends too early")
             state = state << 32 | self.words[self.front]
@@ -141,7 +143,7 @@ class Coder:
         return k
 
     def tree(self, context: Hashable, bits: int) -> int:
-        """Bits, the highest first, each in the context of those before it."""
+        """Returns bits, the highest first, each in the context of the previous ones."""
         found = 1
         for _ in range(bits):
             found = found << 1 | self.bit((context, found))
@@ -167,7 +169,7 @@ class Coder:
         return turned(self.number())
 
     def error(self, context: Hashable, c: int) -> int:
-        """An error in the context `c` of a size."""
+        """Returns a residual in the size context `c`."""
         k = max(c - 14 >> 1, 0)
         symbol = self.symbol((context, c), ERROR_STARTS[c if c < 14 else 14 + c % 2])
         if symbol < 4:
@@ -178,25 +180,26 @@ class Coder:
         return turned((2 | symbol & 1) << more | self.raw(more))
 
     def finish(self) -> None:
-        """Nothing may be left."""
+        """Checks that no data remains."""
         check(self.front == self.back and not self.left, "something is left of a packed segment")
         check(self.state == self.other == 1 << 32, "last states of a packed segment")
 
 
 class Numbers:
-    """Samples as whole numbers: their bits, the order of channels, and those that are told from channel 1."""
+    """Samples as integers: their bits, the channel order, and the channels predicted from channel
+    1."""
 
     def __init__(self, form: Form) -> None:
         self.sample, small = form.type, form.type.itemsize <= 2
         self.bits = 32 if small else 64
         self.type = np.dtype(f"i{self.bits // 8}")
-        # Bits of the lanes that dense blocks are computed with.
+        # Bits of the lanes used to compute dense blocks.
         self.lanes = 8 * max(form.type.itemsize, 2)
         self.told = (0, 2) if small and form.channels > 2 else ()
         self.order = [1, 0, 2, 3][: form.channels] if self.told else list(range(form.channels))
 
     def samples(self, numbers: Values, power: int | None = None) -> Values:
-        """Samples of whole numbers, or of their multiples."""
+        """Returns the samples of integers, or of their multiples."""
         if self.sample.kind != "f":
             return numbers.astype(self.sample)
         if power is not None:
@@ -207,7 +210,7 @@ class Numbers:
 
 
 def multiple(sample: Values, power: int) -> int:
-    """The whole number of a floating sample that is a multiple of a power of two."""
+    """Returns the integer of a floating-point sample that is a multiple of a power of two."""
     with np.errstate(over="ignore"):
         scaled = float(np.ldexp(np.float64(sample), power))
     return 0 if math.isnan(scaled) else int(min(max(scaled, -(2.0**63)), 2.0**63)) - (scaled >= 2.0**63)

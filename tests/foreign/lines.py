@@ -1,4 +1,4 @@
-"""A reader of trees of lines (sections 45 and 46 of formats.md), written from that page alone.
+"""Reader of trees of lines (sections 45 and 46 of formats.md), written only from that page.
 
     python tests/foreign/lines.py FILE
 """
@@ -17,11 +17,11 @@ from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadat
 from tokens import folded, signed, unfolded
 
 DEEPEST = 29
-# Features of a block, at most.
+# Maximum number of features in a block.
 MAX_FEATURES = 1 << 12
-# What a value can be, by its mark.
+# Kinds of values, by their mark.
 NONE, WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON = range(7)
-# The marks that values of an attribute can have, by its kind.
+# Marks that an attribute's values can have, by its kind.
 KINDS = [{WHOLE}, {WHOLE, NUMBER}, {TEXT}, {FALSE, TRUE}, {JSON}, {WHOLE, NUMBER, TEXT, FALSE, TRUE, JSON}]
 
 Vertex = tuple[int, int]
@@ -29,7 +29,7 @@ Box = tuple[int, int, int, int]
 
 
 class Json(str):
-    """JSON, which is no text."""
+    """JSON, as opposed to a string."""
 
 
 @dataclass
@@ -49,7 +49,8 @@ class Feature:
 
 
 class Piece(NamedTuple):
-    """What is between two vertices: the feature's number, the number of the first one, both, and the first level."""
+    """A line segment: feature number, number of its first vertex, both vertices, and first
+    level."""
 
     feature: int
     place: int
@@ -159,30 +160,30 @@ class Lines:
         for key, at, size, crc, count, *box in struct.iter_unpack("<QQIII4i", data):
             check(24 <= at and at + size <= end, "a block lies elsewhere")
             check(1 <= count <= most, "how much a block has")
-            # (Of features there are zeros, which readers ignore.)
+            # Entries of features have zeros, which readers ignore.
             found.append((key, Block(key, at, size, crc, count, box_of(box) if most > MAX_FEATURES else None)))
         return found
 
     def block(self, block: Block) -> Bytes:
-        """The bytes of a block."""
+        """Returns the bytes of a block."""
         data = self.data[block.at : block.at + block.size]
         check(crc32c(data) == block.crc, "checksum of a block")
         return Bytes(data)
 
     @property
     def divisor(self) -> float | None:
-        """The whole number of which the scale is one part."""
+        """Returns the integer of which the scale is the reciprocal."""
         n = round(1 / self.scale)
         return float(n) if n and 1 / n == self.scale else None
 
     def world(self, vertex: Vertex) -> tuple[float, float]:
-        """Where a vertex is in the world."""
+        """Returns the world position of a vertex."""
         n = self.divisor
         places = [(x + offset * n) / n if n else x * self.scale + offset for x, offset in zip(vertex, self.offset)]
         return places[0], places[1]
 
     def pieces_of(self, block: Block) -> list[Piece]:
-        """The pieces of a block."""
+        """Returns the line segments of a block."""
         b = self.block(block)
         count = block.count
         features = list(accumulate(read_column(b, [0] * count)))
@@ -212,7 +213,7 @@ class Lines:
         return all(0 <= x - corner < 1 << self.bits for x, corner in zip(vertex, self.corner))
 
     def features_of(self, block: Block) -> list[Feature]:
-        """The features of a block, in their order."""
+        """Returns the features of a block, in their order."""
         b = self.block(block)
         lines = read_column(b, [0] * block.count)
         check(min(lines) >= 0 and sum(lines) <= 1 << 23, "lines of features")
@@ -228,7 +229,7 @@ class Lines:
         return [Feature([next(rows) for _ in range(n)], list(values)) for n, *values in zip(lines, *columns)]
 
     def _values(self, b: Bytes, count: int, attribute: Attribute) -> list[Any]:
-        """The values of an attribute."""
+        """Returns the values of an attribute."""
         marks = read_column(b, [0] * count)
         check(set(marks) <= KINDS[attribute.kind] | {NONE}, "marks of values")
         wholes = iter(read_column(b, [0] * marks.count(WHOLE)))
@@ -264,26 +265,27 @@ class Lines:
         return found
 
     def walk(self) -> Iterator[tuple[Node, list[Piece]]]:
-        """All nodes, by their codes, with the pieces of each."""
+        """Yields all nodes by code, with the line segments of each."""
         for node in self.nodes.values():
             yield node, [piece for block in node.blocks for piece in self.pieces_of(block)]
 
     def each_feature(self) -> Iterator[Feature]:
-        """All features, in their order."""
+        """Yields all features in their order."""
         for block in self.of_features:
             yield from self.features_of(block)
 
-    # All that must be true of a file.
+    # Verification.
 
     def code(self, piece: Piece) -> Code:
-        """The node of a piece, before any took in those below."""
+        """Returns the node of a line segment, before nodes are merged."""
         (x, y), (u, v) = [(p[0] - self.corner[0], p[1] - self.corner[1]) for p in (piece.start, piece.end)]
         size = max(abs(x - u), abs(y - v))
         level = next(l for l in range(self.header.depth, -1, -1) if 1 << self.bits - l >= size)
         return Code(level, ((x + u) // 2 >> self.bits - level, (y + v) // 2 >> self.bits - level))
 
     def verify(self) -> None:
-        """That pieces are those of the features, in the nodes and blocks that the page says, and that what stands by nodes is true."""
+        """Checks that line segments match the features, that nodes and blocks are as specified, and
+        that the nodes' summaries are right."""
         of_nodes = {node.at: [self.pieces_of(block) for block in node.blocks] for node in self.nodes.values()}
         made = [piece for i, feature in enumerate(self.each_feature()) for piece in self._pieces(i, feature)]
         found = [piece for blocks in of_nodes.values() for pieces in blocks for piece in pieces]
@@ -305,7 +307,7 @@ class Lines:
         self._verify_nodes(of_nodes)
 
     def _pieces(self, number: int, feature: Feature) -> list[Piece]:
-        """The pieces of a feature, with their first levels."""
+        """Returns the line segments of a feature, with their first levels."""
         found, place = [], 0
         for line in feature.lines:
             found += [Piece(number, place + i, a, e, 0) for i, (a, e) in enumerate(pairwise(line))]
@@ -319,14 +321,16 @@ class Lines:
         return found
 
     def _verify_blocks(self, blocks: list[list[Piece]]) -> None:
-        """That the pieces of a node are cut into blocks in the order of their codes, features and places."""
+        """Checks that a node's line segments are split into blocks in the order of codes, features
+        and vertex numbers."""
         check(all(len(pieces) == self.leaf_size for pieces in blocks[:-1]), "pieces of blocks")
         check(all(len(pieces) <= self.leaf_size for pieces in blocks[-1:]), "pieces of the last block")
         keys = [sorted((self.code(piece).code, *piece[:2]) for piece in pieces) for pieces in blocks]
         check(all(a[-1] < e[0] for a, e in pairwise(keys)), "the order of blocks")
 
     def _verify_nodes(self, of_nodes: dict[Code, list[list[Piece]]]) -> None:
-        """That lengths, extremes and numbers of features are those of the pieces in nodes and below."""
+        """Checks that lengths, extremes and feature numbers match the line segments of nodes and
+        their descendants."""
         below: dict[Code, list[Node]] = {}
         pieces_below: dict[Code, list[Piece]] = {}
         for at, blocks in reversed(of_nodes.items()):
@@ -342,7 +346,7 @@ class Lines:
                 pieces_below.setdefault(at.up(1), []).extend(pieces)
 
     def length(self, piece: Piece) -> float:
-        """The length of a piece in the world."""
+        """Returns the length of a line segment in world units."""
         x, y = float(piece.start[0] - piece.end[0]), float(piece.start[1] - piece.end[1])
         steps = math.sqrt(x * x + y * y)
         n = self.divisor
@@ -356,13 +360,13 @@ def box_of(numbers: Sequence[int]) -> Box:
 
 
 def around(boxes: Iterator[Box]) -> Box:
-    """The extremes of all boxes."""
+    """Returns the bounding box of all boxes."""
     west, south, east, north = zip(*boxes)
     return min(west), min(south), max(east), max(north)
 
 
 def added(numbers: list[float]) -> float:
-    """The sum of `f64`, in this order."""
+    """Returns the sum of `f64` numbers, in this order."""
     total = 0.0
     for number in numbers:
         total += number
@@ -370,7 +374,7 @@ def added(numbers: list[float]) -> float:
 
 
 def read_column(b: Bytes, contexts: Sequence[int]) -> list[int]:
-    """The numbers of a column, as many as contexts."""
+    """Returns the numbers of a column, one per context."""
     if not contexts:
         return []
     way = b.get("B")

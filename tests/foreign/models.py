@@ -1,4 +1,4 @@
-"""A reader of exact models, written from sections 27 to 36 of formats.md, and 42."""
+"""Reader of exact models, written from sections 27 to 36 and 42 of formats.md."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def cross(a: Any, b: Any) -> Vector:
 
 @dataclass
 class Face:
-    """A face: rings of corners. Planes of edges are told of exact faces only."""
+    """A face as rings of vertices. Only exact faces have edge planes."""
 
     rings: list[list[Any]]
     normal: Vector
@@ -48,12 +48,12 @@ class Face:
 
     @cached_property
     def box(self) -> list[tuple[Any, Any]]:
-        """Least and greatest coordinates."""
+        """Returns the minimum and maximum coordinates."""
         return [(min(v), max(v)) for v in zip(*self.rings[0])]
 
 
 def rings_of(b: Bytes, n: int, r: int, c: int, triangles: bool) -> list[list[tuple[int, int]]]:
-    """For each face, where its rings start and end among the corners."""
+    """Returns, for each face, the range of each ring in the vertex list."""
     ends = [range(1, r + 1), range(3, 3 * r + 1, 3)] if triangles else [[b.get("I") for _ in range(k)] for k in (n, r)]
     for of, least, last in zip(ends, (1, 3), (r, c)):
         check(of[-1] == last and all(e - a >= least for a, e in zip([0, *of], of)), "ends of faces or rings")
@@ -62,7 +62,7 @@ def rings_of(b: Bytes, n: int, r: int, c: int, triangles: bool) -> list[list[tup
 
 
 def block_of_faces(data: bytes, first: int, bits: int) -> list[Face]:
-    """A block of section 29."""
+    """Returns a block of section 29."""
     b = Bytes(data)
     n, v, r, c, flags = b.get("5I")
     check(n and flags < 64 and 12 * v + 3 * c <= 4 * len(data), "the head of a block")
@@ -89,7 +89,7 @@ def block_of_faces(data: bytes, first: int, bits: int) -> list[Face]:
 
 
 def block_of_exact_faces(data: bytes, bits: int) -> list[Face]:
-    """A block of section 34."""
+    """Returns a block of section 34."""
     b = Bytes(data)
     n, p, g, v, r, c, flags, wa, wb, wx, ww = b.get("7I4B")
     check(n and flags < 8 and 0 < wa <= 8 and 0 < wb <= 16 and 0 < wx <= 25 and 0 < ww <= 22, "the head of a block")
@@ -140,7 +140,7 @@ class Node:
 
 
 class Segment:
-    """A segment of section 30: words, and what leaves have."""
+    """A segment of section 30: words, and the contents of leaves."""
 
     def __init__(self, data: bytes, faces: int, exact: int) -> None:
         b = Bytes(data)
@@ -153,7 +153,7 @@ class Segment:
         check(self.words[0] & 7 != CUT, "word 0 is CUT")
 
     def numbers(self, of: list[int]) -> list[int]:
-        """A list of own numbers of faces, as the model has them."""
+        """Converts segment-local face numbers to model numbers."""
         b = self.leaves
         found: list[int] = []
         count = b.leb(5)
@@ -164,7 +164,8 @@ class Segment:
         return [of[i] for i in found]
 
     def walk(self, node: Code, depth: int, counts: Counter[int]) -> Iterator[Node]:
-        """All nodes without children, and those that are CUT; whatever stands elsewhere than it must is damage."""
+        """Yields all nodes without children, and CUT nodes; raises if data is not at its required
+        position."""
         self.next = 1
         self.leaves.at = 0
         yield from self._walk(0, node, depth, counts)
@@ -238,7 +239,7 @@ class Model:
         self.formula = formula(sections[b"FORM"]) if b"FORM" in sections else None
 
     def _list(self, data: bytes) -> list[tuple[int, bytes]]:
-        """Keys and blocks of a list, checked."""
+        """Returns the keys and blocks of a list, checked."""
         b = Bytes(data)
         found: list[tuple[int, bytes]] = []
         check(len(data) % 24 == 0, "bytes of a list")
@@ -258,12 +259,12 @@ class Model:
         return faces
 
     def world(self, g: Vector) -> tuple[float, ...]:
-        """A grid point in the world."""
+        """Returns the world position of a grid point."""
         return tuple(float(o + v) * self.step / self.divisor for o, v in zip(self.origin, g))
 
     @cached_property
     def leaves(self) -> list[Node]:
-        """All nodes without children, of all segments."""
+        """Returns all nodes without children, of all segments."""
         counts: Counter[int] = Counter()
         found: list[Node] = []
         todo, used = [Code(0, (0, 0, 0))], 0
@@ -280,11 +281,11 @@ class Model:
         check(self.nodes == [counts[i] for i in (VOID, FULL, INNER, *range(LEAF, LEAF + 4))], "nodes of the octree")
         return found
 
-    # What is said of parts and faces (section 35).
+    # Attributes of parts and values of faces (section 35).
 
     @cached_property
     def tables(self) -> dict[bytes, dict[int, dict[int, bytes]]]:
-        """The values of both tables, by column and row."""
+        """Returns the values of both tables, by column and row."""
         found: dict[bytes, dict[int, dict[int, bytes]]] = {b"OBJE": {}, b"FVAL": {}}
         for tag, table in found.items():
             for key, data in self.lists[tag]:
@@ -301,7 +302,7 @@ class Model:
 
     @cached_property
     def parts(self) -> list[tuple[str, dict[str, Any]]]:
-        """Name of each part, and what is said of it."""
+        """Returns the name and attributes of each part."""
         table = self.tables[b"OBJE"]
         if not table:
             check(self.parts_count == 1, "parts without names")
@@ -330,20 +331,22 @@ class Model:
             said.append((name.decode(), about))
         return said
 
-    # Geometry. Points are in halves of a unit here, so that walls between cells are whole numbers.
+    # Geometry. Points are in half units, so that cell walls have integer coordinates.
 
     @cached_property
     def bounding(self) -> dict[int, Face]:
-        """The faces that bound something, by number, in halves of a unit."""
+        """Returns the faces that bound something, by number, in half units."""
         numbers = [i for i, f in enumerate(self.faces) if any(f.normal)]
         return dict(zip(numbers, self.doubled(numbers)))
 
     def winding(self, p: Vector) -> int:
-        """The winding number at a point, displaced as section 31 says, on the way from the root's least corner past all faces."""
+        """Returns the winding number at a point, perturbed as section 31 specifies, along a path
+        from the root's minimum corner across all faces."""
         return self.far + crossings(list(self.bounding.values()), (-1, -1, -1), p)
 
     def find(self, p: Vector) -> Node | None:
-        """The node without children in whose cell a point is; None far away."""
+        """Returns the node without children whose cell contains a point; None outside of the
+        root."""
         if not all(-1 <= v < (2 << self.bits) - 1 for v in p):
             return None
         cells = (Code(level, tuple(v + 1 >> 1 + self.bits - level for v in p)) for level in range(self.depth + 1))
@@ -354,7 +357,7 @@ class Model:
         return {node.at: node for node in self.leaves}
 
     def inside(self, p: Vector) -> bool | None:
-        """Whether a point is inside the body, by the octree (section 31); None on the boundary."""
+        """Whether a point is inside the solid, by the octree (section 31); None on the boundary."""
         node = self.find(p)
         if not node or node.state != LEAF:
             return bool(node.state if node else self.far)
@@ -368,12 +371,12 @@ class Model:
         return node.corner + crossings(faces, least, p) == 1
 
     def doubled(self, numbers: Iterable[int]) -> list[Face]:
-        """Faces in halves of a unit."""
+        """Returns faces in half units."""
         of = (self.faces[i] for i in numbers)
         return [Face([[tuple(2 * v for v in p) for p in r] for r in f.rings], f.normal, 0, 0) for f in of]
 
     def verify_exact_surface(self) -> None:
-        """Whether edges of the exact surface cancel along each line."""
+        """Checks that the exact surface's edges cancel along each line."""
         ends: Counter[Any] = Counter()
         for face in [f for f in self.faces if not f.is_proxy] + self.exact:
             for a, b in face.edges:
@@ -387,7 +390,7 @@ class Model:
         check(not any(ends.values()), "the exact surface is not closed")
 
     def verify(self) -> None:
-        """Raises `Damaged` unless faces are planar and closed, and all nodes of the octree what they must be."""
+        """Raises `Damaged` unless faces are planar and closed, and all octree nodes are right."""
         edges: Counter[Any] = Counter()
         for face in self.faces:
             check(all(dot(face.normal, p) == face.product for r in face.rings for p in r), "a face that is not planar")
@@ -417,7 +420,7 @@ class Model:
         check(len(self.parts) == self.parts_count, "parts")
 
     def _rule(self, leaf: Node, box: Box) -> None:
-        """Whether the leaf's rule says of points of the cell what all faces together say."""
+        """Checks that the leaf's rule classifies points of the cell as all faces together do."""
         for p in ((box[0][0] + 1, (box[1][0] + box[1][1]) // 2, box[2][1] - 1), tuple(high - 1 for _, high in box)):
             inside = self.inside(p)  # type: ignore[arg-type]
             check(inside is None or inside == (self.winding(p) == 1), "a point in a leaf")  # type: ignore[arg-type]
@@ -428,7 +431,7 @@ def least_of(box: Box) -> Vector:
 
 
 def on(face: Face, p: Vector) -> bool:
-    """Whether a point is on a face, edges and corners included."""
+    """Whether a point is on a face, including edges and vertices."""
     if dot(face.normal, sub(p, face.rings[0][0])):
         return False
     for a, b in face.edges:
@@ -438,7 +441,7 @@ def on(face: Face, p: Vector) -> bool:
 
 
 def within(face: Face, p: Any) -> bool:
-    """Whether a point of a face's plane, which is on no edge, is between the rings."""
+    """Whether a point in a face's plane, not on an edge, is between the rings."""
     u, v = sorted(range(3), key=lambda axis: abs(face.normal[axis]))[:2]
     met = 0
     for g, h in face.edges:
@@ -453,7 +456,7 @@ def side(face: Face, q: Any) -> int:
 
 
 def crossings(faces: list[Face], start: Any, end: Any) -> int:
-    """How the winding number changes on the way along x, y and z."""
+    """Returns the change of the winding number along x, y and z."""
     change, s = 0, start
     for a in range(3):
         t = (*end[: a + 1], *start[a + 1 :])
@@ -474,13 +477,13 @@ def crossings(faces: list[Face], start: Any, end: Any) -> int:
 
 
 def meets(face: Face, box: Box) -> bool:
-    """Whether the plane of an exact face meets a closed box, given in halves."""
+    """Whether the plane of an exact face meets a closed box, given in half units."""
     ends = [sorted((n * low, n * high)) for n, (low, high) in zip(face.normal, box)]
     return sum(e[0] for e in ends) <= 2 * face.product <= sum(e[1] for e in ends)
 
 
 def cuts(face: Face, box: Box) -> bool:
-    """Whether a face has a point in common with the inside of a box."""
+    """Whether a face meets the interior of a box."""
     if any(least >= high or most <= low for (least, most), (low, high) in zip(face.box, box)):
         return False
     n, d = face.normal, dot(face.normal, face.rings[0][0])
@@ -490,7 +493,8 @@ def cuts(face: Face, box: Box) -> bool:
         return False
     if any(enters(p, q, box) for p, q in face.edges):
         return True
-    # No edge is in the box, so all of the plane in it is in the face, or nothing: a point of the box's diagonal tells.
+    # No edge is in the box, so the face contains all of the plane in it, or nothing: testing one
+    # point of the box's diagonal suffices.
     t = Fraction(d - dot(n, a), dot(n, b) - dot(n, a))
     p = [x + t * (y - x) for x, y in zip(a, b)]
     return within(face, p)
@@ -510,7 +514,7 @@ def enters(p: Any, q: Any, box: Box) -> bool:
 
 
 def rank(rows: list[list[int]]) -> int:
-    """The rank of a matrix of whole numbers."""
+    """Returns the rank of an integer matrix."""
     found, rows = 0, [row[:] for row in rows]
     for column in range(4):
         pivot = next((row for row in rows[found:] if row[column]), None)
@@ -524,7 +528,8 @@ def rank(rows: list[list[int]]) -> int:
 
 
 def formula(data: bytes) -> Any:
-    """The formula of section 36: a name, an operation's number and its operands, or the numbers of a map and its operand."""
+    """Returns the formula of section 36: a name, an operation's number and its operands, or the
+    coefficients of a map and its operand."""
     check(len(data) <= 1 << 20, "a formula is too long")
     text = data.decode()
 

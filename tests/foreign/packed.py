@@ -1,4 +1,4 @@
-"""Packed segments and extents (sections 37 to 39 and 41 of formats.md): they become the bytes of plain ones."""
+"""Unpacks packed segments and extents (sections 37 to 39 and 41 of formats.md) to plain ones."""
 
 from __future__ import annotations
 
@@ -12,14 +12,15 @@ from coder import NUMBERS, SOLID, Coder, Numbers, context_of, wrap
 from planes import KINDS, Block, part, read_numbers
 from trees import CUT, INNER, LEAF, VOID, Form, Values
 
-# The symbol of what has no value, and the place of the children of what has none.
+# The symbol of VOID, and the index of missing children.
 NONE = -1
 
 
 @dataclass
 class Ways:
-    """Directions of neighbours: how many, how many of them across faces, and for each child and direction whether one comes to a
-    sibling, the direction in which one leaves the parent, the number of the child there."""
+    """Neighbour directions: their number, the number of them across faces, and for each child and
+    direction whether it leads to a sibling, the parent's direction otherwise, and the child number
+    there."""
 
     count: int
     faces: int
@@ -40,7 +41,8 @@ class Ways:
         return cls(len(directions), 2 * axes, steps)
 
     def of_child(self, of_parent: list[int], kids: list[int], first: int, child: int, known: int) -> list[int]:
-        """A child's neighbours, of the parent's ones; siblings from `known` on are not."""
+        """Returns a child's neighbours, given the parent's; siblings from `known` on are
+        unknown."""
         found = []
         for sibling, leaves, there in self.steps[child]:
             if sibling:
@@ -51,7 +53,7 @@ class Ways:
         return found
 
     def pattern(self, true: list[bool]) -> int:
-        """The pattern of neighbours of which something is true."""
+        """Returns the bit pattern of the neighbours with a property."""
         number = 0
         for one in true[:6] if self.faces == 6 else true:
             number = number << 1 | one
@@ -63,18 +65,19 @@ WAYS = {axes: Ways.of(axes) for axes in (2, 3)}
 
 @dataclass
 class Nodes:
-    """Nodes, in the order in which they come. 0 is what lies outside, and what is not known yet; 1 is the segment's own node."""
+    """Nodes in decoding order. 0 is outside or not decoded yet; 1 is the segment's own node."""
 
     symbols: list[int] = field(default_factory=lambda: [NONE, NONE])
     states: list[int] = field(default_factory=lambda: [LEAF, INNER])
     kids: list[int] = field(default_factory=lambda: [NONE, NONE])
     levels: list[int] = field(default_factory=lambda: [0, 0])
-    # Marks and levels of the dense blocks that begin at nodes.
+    # Marks and levels of dense blocks, by their root nodes.
     dense: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
 class Packing:
-    """What is unpacked of one coder, a segment or the runs of an extent: contexts, values and their table go on from run to run."""
+    """The state of one coder, for a segment or an extent's runs: contexts, values and their table
+    continue from run to run."""
 
     def __init__(self, form: Form, data: bytes) -> None:
         self.form, self.coder = form, Coder(data)
@@ -82,14 +85,14 @@ class Packing:
         self.amounts, self.solid = self.coder.model == NUMBERS, self.coder.model == SOLID
         check(not self.solid or form.channels == 1 and form.type == np.uint8, "a solid of other values")
         self.table: list[tuple[int, ...]] = []
-        # Values of symbols, and symbols of values that have come. (VOID has zeros.)
+        # Values of symbols, and symbols of decoded values. VOID has zeros.
         self.values: list[tuple[int, ...]] = [(0,) * form.channels]
         self.known: dict[tuple[int, ...], int] = {}
 
     # Section 37.
 
     def read_table(self, size: int) -> None:
-        """The table of values, for which so many bytes have room."""
+        """Reads the table of values, for at most `size` bytes."""
         count, last = self.coder.number(), [0] * self.form.channels
         check(count * self.form.width <= size, "more values than bytes")
         for _ in range(count):
@@ -100,7 +103,7 @@ class Packing:
     # Section 38.
 
     def new(self, tried: list[int], inner: bool) -> int:
-        """The symbol of a value that no candidate has."""
+        """Returns the symbol of a value that no candidate has."""
         if self.amounts:
             return self._new_number(tried, inner)
         symbol = self.coder.tree("new", len(self.table).bit_length())
@@ -128,21 +131,22 @@ class Packing:
         return symbol
 
     def samples(self, symbols: list[int]) -> Values:
-        """The samples of values. (What has no value has zeros, as VOID.)"""
+        """Returns the samples of values. VOID has zeros."""
         return self.numbers.samples(np.array([self.values[max(s, 0)] for s in symbols], np.int64).reshape(-1, self.form.channels))
 
 
 class Below:
-    """All below one node that is being unpacked: the segment's own one, or that of a record.
+    """The subtree of one node being unpacked: the segment's own node, or a record's.
 
-    `height` is the levels from it down to the cells, `reach` those down to where nodes are CUT, `size` the bytes that there is room for,
-    `own` the node's symbol."""
+    `height` is the number of levels from it to the cells, `reach` that to the CUT nodes, `size` the
+    maximum number of bytes, `own` the node's symbol.
+    """
 
     def __init__(self, packing: Packing, height: int, reach: int, size: int, own: int = NONE) -> None:
         self.packing, self.form, self.coder, self.ways = packing, packing.form, packing.coder, packing.ways
         self.height, self.reach, self.size, self.room = height, reach, size, size
         self.nodes = Nodes(symbols=[NONE, own])
-        # How full INNER and CUT nodes of a solid are.
+        # Occupancy of a solid's INNER and CUT nodes.
         self.fullness: dict[int, int] = {}
         self._nodes()
         if packing.solid:
@@ -150,13 +154,13 @@ class Below:
         self.samples = packing.samples(self.nodes.symbols)
         for node, value in self.fullness.items():
             self.samples[node] = value
-        # (The segment's own node has no value, as VOID has none.)
+        # The segment's own node has no value, as VOID.
         value_of = lambda node: packing.values[max(self.nodes.symbols[node], 0)]  # noqa: E731
         dense = self.nodes.dense.items() if packing.amounts else ()
         self.blocks = {node: Block(self.form, self.coder, value_of(node), mark, deep) for node, (mark, deep) in dense}
 
     def records(self) -> bytes:
-        """All records. (The numbers of dense blocks are there now.)"""
+        """Returns all records. The numbers of dense blocks are decoded now."""
         blocks = {node: self._dense(node, mark, deep) for node, (mark, deep) in self.nodes.dense.items()}
         parts: list[bytes] = []
         self._records(1, blocks, parts)
@@ -167,7 +171,7 @@ class Below:
     def _nodes(self) -> None:
         nodes, inner = self.nodes, [1]
         around = {1: [0] * self.ways.count}
-        # Nodes in dense blocks, with the levels from them down to the bottom.
+        # Nodes in dense blocks, with the levels from them to the bottom.
         inside: dict[int, int] = {}
         for level in range(1, self.height + 1):
             parents: dict[int, tuple[int, int]] = {}
@@ -186,7 +190,7 @@ class Below:
                         parents[first + child] = node, child
                         if deep:
                             inside[first + child] = deep - 1
-            # (All of the level is known now.)
+            # The whole level is decoded now.
             inner, before = list(parents), around
             around = {}
             for node, (parent, child) in parents.items():
@@ -194,7 +198,8 @@ class Below:
         check(not inner, "a cell is INNER")
 
     def _block(self, node: int, height: int) -> int:
-        """Levels of the dense block that begins at a node, or 0; with the levels from the children down to the cells."""
+        """Returns the levels of the dense block at a node, or 0; `height` is the number of levels
+        from the children to the cells."""
         low = min(height, 7)
         if not self.coder.bit(("dense", low)):
             return 0
@@ -230,7 +235,7 @@ class Below:
         nodes.levels.append(level)
 
     def _value(self, above: int, near: list[int], inner: bool, cell: bool, child: int) -> int:
-        """The symbol of a child, by the parent's and the neighbours' ones."""
+        """Returns the symbol of a child, given those of the parent and the neighbours."""
         tried: list[int] = []
         for n, symbol in enumerate([above, *near]):
             if symbol < inner or symbol in tried:
@@ -244,9 +249,9 @@ class Below:
         return self.packing.new(tried, inner)
 
     def _fill(self) -> None:
-        """How full INNER nodes of a solid are."""
+        """Decodes the occupancy of a solid's INNER nodes."""
         nodes, children = self.nodes, self.form.children
-        # Of each node what the cells below add up to, and whether one of them is CUT.
+        # For each node the sum of its cells, and whether one of its descendants is CUT.
         sums, cut = [0] * len(nodes.symbols), [False] * len(nodes.symbols)
         for node in range(len(nodes.symbols) - 1, 1, -1):
             cells, state = children ** (self.height - nodes.levels[node]), nodes.states[node]
@@ -271,7 +276,7 @@ class Below:
         return values.tobytes() + all_states.to_bytes(1 if axes == 2 else 4, "little") + last.to_bytes(axes + 1, "little")
 
     def _records(self, node: int, blocks: dict[int, bytes], parts: list[bytes]) -> int:
-        """Appends the records of a node and all below it, and tells how many places they have."""
+        """Appends the records of a node and its descendants, and returns their number."""
         if node in blocks:
             parts.append(blocks[node])
             return len(blocks[node]) // self.form.record
@@ -285,7 +290,8 @@ class Below:
         return skip
 
     def _dense(self, node: int, mark: int, deep: int) -> bytes:
-        """A dense block: one of numbers, or its nodes have been like all others."""
+        """Returns a dense block: one of numbers, or one whose nodes were decoded like all
+        others."""
         if self.packing.amounts:
             block = self.blocks[node]
             states, values, bits = block.states(), block.values, block.bits
@@ -298,14 +304,15 @@ class Below:
         return self._record(states, values[0], places, mark) + rows.ljust((places - 1) * self.form.record, b"\0")
 
     def _rows(self, root: int, mark: int, deep: int) -> tuple[list[int], list[Values], Values]:
-        """States of the children of a dense block's root, values of its levels and its bits."""
+        """Returns the states of the children of a dense block's root, values of its levels and its
+        bits."""
         axes, children, values = self.form.axes, self.form.children, []
         kids, states = np.array(self.nodes.kids), np.array(self.nodes.states)
         at = np.full((1,) * axes, root)
         for _ in range(deep):
             below = np.empty([2 * n for n in at.shape], np.int64)
             for child in range(children):
-                # (What is inside a VOID or LEAF has its value.)
+                # Nodes inside a VOID or LEAF have its value.
                 below[part(child, axes)] = np.where(kids[at] < 0, at, kids[at] + child)
             at = below
             values.append(self.samples[at])
@@ -315,7 +322,7 @@ class Below:
         return self.nodes.states[first : first + children], values, states[at] == bit
 
     def counts(self) -> bytes:
-        """Class counts."""
+        """Returns the class counts."""
         table = self.packing.table
         if self.coder.raw(1):
             cells = [self.coder.number() for _ in table]
@@ -331,7 +338,8 @@ class Below:
 
 
 def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
-    """The bytes of the plain segment, so many, of those of a packed one. `height` is the levels from its node down to the cells."""
+    """Unpacks a segment to a plain one of `size` bytes. `height` is the number of levels from its
+    node to the cells."""
     check(len(data) < size <= min(1 << 26, 65536 + 4096 * len(data)), "bytes of a packed segment")
     packing = Packing(form, data)
     packing.read_table(size)
@@ -348,7 +356,7 @@ def unpack(form: Form, height: int, data: bytes, size: int) -> bytes:
 
 
 class Unpacked(NamedTuple):
-    """What is packed of a record of an extent: its height, its representative and its run."""
+    """A packed record of an extent: its height, its representative and its run."""
 
     height: int
     value: bytes
@@ -356,7 +364,8 @@ class Unpacked(NamedTuple):
 
 
 def unpack_runs(form: Form, reach: int, count: int, data: bytes, most: int) -> tuple[list[Unpacked], bytes]:
-    """So many records of an extent, and the bytes beside their runs. Runs and these bytes are at most so many."""
+    """Returns `count` records of an extent, and the bytes other than their runs. `most` limits the
+    size of both."""
     packing = Packing(form, data)
     coder, last = packing.coder, NONE
     room = coder.number()

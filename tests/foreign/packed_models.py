@@ -1,4 +1,4 @@
-"""Packed pieces of exact models, unpacked as section 42 of formats.md says."""
+"""Unpacks packed components of exact models (section 42 of formats.md)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ U32 = 1 << 32
 
 
 def signed(n: int, bits: int) -> int:
-    """The signed number of so many bits that is the same."""
+    """Returns the signed number with the same `bits` bits."""
     n &= (1 << bits) - 1
     return n - (1 << bits) if n >> bits - 1 else n
 
 
 class Columns(Coder):
-    """What section 42 codes more than section 37."""
+    """The codes that section 42 adds to section 37."""
 
     def __init__(self, packed: bytes) -> None:
         self.sizes: dict[object, int] = {}
-        # (As a segment has it, without the number of a model.)
+        # As in a segment, without a model number.
         super().__init__(packed[1:5] + b"\0" + packed[9:])
 
     def near(self, *context: object) -> int:
@@ -43,7 +43,7 @@ class Columns(Coder):
         return found[1:]
 
     def sums(self, context: str, bits: int, count: int) -> list[int]:
-        """Numbers that are told by their differences."""
+        """Returns numbers coded as differences."""
         found = [0]
         for _ in range(count):
             found.append((found[-1] + self.near(context)) % (1 << bits))
@@ -51,7 +51,7 @@ class Columns(Coder):
 
 
 def unpack(tag: bytes, packed: bytes) -> bytes:
-    """A plain piece of a list, of one as it stands in the file."""
+    """Unpacks a block or segment of a list to a plain one, given its bytes in the file."""
     check(packed and packed[0] < 2, "the first byte of a piece")
     if not packed[0]:
         return packed[1:]
@@ -91,7 +91,7 @@ def of_bytes(c: Columns, size: int) -> bytes:
 
 
 class Corners:
-    """Corners of rings, numbered in the order in which vertices come."""
+    """Vertices of rings, numbered in decoding order."""
 
     def __init__(self, c: Columns, vertices: int) -> None:
         self.c, self.vertices = c, vertices
@@ -179,7 +179,7 @@ class Faces:
                     self._place(ring, i)
             self.corners.join(ring)
             all_corners += ring
-        # Vertices and corners that no ring has are 0.
+        # Vertices without a ring are 0.
         self.places += [[0, 0, 0]] * (v - len(self.places))
         self.colours += [[0, 0, 0]] * (v - len(self.colours) if flags & 1 else 0)
         all_corners += [0] * (corners - len(all_corners))
@@ -247,7 +247,8 @@ class Exact:
         self.edges: dict[tuple[int, int], tuple[int, int]] = {}
         of_faces: list[int] = []
         all_corners: list[tuple[int, int]] = []
-        # A point of the grid in each plane, an edge between two with its face's plane, and planes of other vertices.
+        # A grid point in each plane, an edge between two with its face's plane, and planes of other
+        # vertices.
         points: dict[int, int] = {}
         ends: dict[int, tuple[int, int, int]] = {}
         meeting: dict[int, tuple[int, int, int]] = {}
@@ -374,7 +375,8 @@ class Segment:
         self.f, self.e, self.k, self.room = head = [c.number() for _ in range(4)]
         check(self.k and 16 + 4 * (self.f + self.e + self.k) + self.room == size, "lists of a packed segment")
         self.words, self.leaves, self.next, self.inside = [0] * self.k, bytearray(), 1, 0
-        # Of both kinds of faces: numbers in the model, and those that are recent with their cells, the newest first.
+        # For both kinds of faces: model numbers, and recent ones with their cells, the newest
+        # first.
         self.numbers: list[list[int]] = [[], []]
         self.recent: list[list[tuple[int, list[tuple[int, ...]]]]] = [[], []]
         self._node(0, (0, 0, 0, 1 << LEVELS), [5, 5, 5])
@@ -444,7 +446,8 @@ class Segment:
 
 
 def place_of(cell: tuple[int, ...], other: tuple[int, ...]) -> int:
-    """How another cell lies to one: 0 apart, 1 with an edge or a corner in common, 2 to 4 with a wall."""
+    """Returns the relation of two cells: 0 disjoint, 1 a common edge or corner, 2 to 4 a common
+    wall."""
     walls = []
     for axis in range(3):
         a, b = (cell[axis], cell[axis] + cell[3]), (other[axis], other[axis] + other[3])

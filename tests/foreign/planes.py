@@ -14,7 +14,8 @@ ViewStep = tuple[int, ...]
 
 
 class Plane(NamedTuple):
-    """The child, its siblings with weights, bits of their sizes, and children of neighbours with steps (x first), one or two with a weight."""
+    """A child's predictors: siblings with weights, size bits, and children of neighbours with
+    strides (x first), one or two with a weight."""
 
     child: int
     siblings: list[tuple[int, int]]
@@ -22,7 +23,7 @@ class Plane(NamedTuple):
     near: list[tuple[list[tuple[int, ViewStep]], int]]
 
     def defaults(self, axes: int) -> list[int]:
-        """Weights of features if none are stored."""
+        """Returns the default weights of features."""
         signs = self.signs(axes)
         across = [16 * signs[0] * signs[1]] if axes == 2 else []
         return [16 * sign for sign in signs] + across + [0] * axes + [w for _, w in self.siblings] + [w for _, w in self.near]
@@ -50,13 +51,13 @@ PLANES = {
     ],
 }
 
-# States of the bottom nodes of dense blocks whose bit is not set, and is.
+# Bottom states of dense blocks, for clear and for set bits.
 KINDS = [(VOID, VOID), (LEAF, LEAF), (CUT, CUT), (VOID, LEAF), (VOID, CUT), (LEAF, CUT)]
 # The weights of tables, by index.
 WEIGHTS = [*range(8), *((4 + k % 4) << k // 4 - 1 for k in range(8, 32))]
 
 # fmt: off
-# Default frequencies: of errors in the first plane, in others, of sums, and of eight.
+# Default frequencies: of residuals in the first plane, in others, of sums, and of eight.
 FIRST = [
     [241, 3, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 10],
     [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 256],
@@ -132,7 +133,8 @@ FLATS = [
 
 
 def shifted(values: Values, step: ViewStep) -> Values:
-    """Of each place the value at a step (x first) from it; beyond the border, values are repeated."""
+    """Returns the values at an offset (x first) from each position; values are repeated beyond the
+    border."""
     return values[_at(values.shape, step)] if any(step) else values
 
 
@@ -142,12 +144,13 @@ def _at(shape: tuple[int, ...], step: ViewStep) -> tuple[Values, ...]:
 
 
 def by_rows(values: Values) -> Values:
-    """Values of a group in the order of coding: of each row that of the first block, then that of the next one."""
+    """Returns a group's values in coding order: for each row the first block's, then the next
+    block's."""
     return np.swapaxes(values, -1, -2)
 
 
 def part(child: int, axes: int) -> tuple[slice, ...]:
-    """Where a child stands among the nodes of its level."""
+    """Returns the position of a child among the nodes of its level."""
     return tuple(slice(child >> a & 1, None, 2) for a in reversed(range(axes)))
 
 
@@ -160,14 +163,14 @@ class Block:
         self.may_be_void = mark > 2 and clear == VOID
         self.bits = self._bits(1 << deep) if mark > 2 else np.zeros((1 << deep,) * self.axes, np.uint8)
         self.bottom = np.where(self.bits, bit, clear).astype(np.uint8)
-        # Where nodes are VOID, level by level.
+        # Which nodes are VOID, level by level.
         self.void = [self.bottom == VOID]
         for _ in range(deep - 1):
             self.void.insert(0, np.logical_and.reduce(kids(self.void[0], self.axes)))
         self.values: list[Values] = []
 
     def states(self) -> list[int]:
-        """The states of the root's children."""
+        """Returns the states of the root's children."""
         states = self.bottom
         for level in reversed(self.values[1:]):
             states = states_above(states, level, self.axes)
@@ -175,7 +178,7 @@ class Block:
         return found
 
     def _bits(self, side: int) -> Values:
-        """Bits of the bottom nodes. (Around them is a border of zeros.)"""
+        """Returns the bits of the bottom nodes, with a border of zeros."""
         b = [[[0] * (side + 3) for _ in range(side + 1)] for _ in range(side + 1 if self.axes == 3 else 2)]
         contexts = [("bit", near) for near in range(64)]
         for plane, before in zip(b[1:], b):
@@ -187,7 +190,8 @@ class Block:
 
 
 def groups_of(blocks: list[Block], axes: int) -> list[list[int]]:
-    """The numbers of blocks that are coded together: of as many levels, with VOID nodes or without, of at most 65536 bottom nodes."""
+    """Returns the groups of blocks that are coded together: with equal levels, all with VOID nodes
+    or all without, and at most 65536 bottom nodes."""
     alike: dict[tuple[int, bool], list[int]] = {}
     for number, block in enumerate(blocks):
         alike.setdefault((-len(block.void), block.may_be_void), []).append(number)
@@ -214,7 +218,7 @@ class Bits:
 
 
 def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
-    """The numbers of all dense blocks of a coder."""
+    """Reads the numbers of all dense blocks of a coder."""
     if not blocks:
         check(not coder.header and not coder.streams, "numbers of no dense blocks")
         return
@@ -253,7 +257,7 @@ def read_numbers(form: Form, coder: Coder, blocks: list[Block]) -> None:
 
 
 class Streams:
-    """Bits of states, and raw bits."""
+    """State bits and raw bits."""
 
     def __init__(self, data: bytes) -> None:
         check(len(data) >= 13, "streams of dense blocks end too early")
@@ -273,7 +277,7 @@ class Streams:
 
 
 def frequencies(weights: list[int]) -> list[int]:
-    """The frequencies of weights."""
+    """Returns the frequencies of weights."""
     total = sum(weights)
     if not total:
         return [256] + [0] * 15
@@ -283,7 +287,8 @@ def frequencies(weights: list[int]) -> list[int]:
 
 
 def table_of(found: list[int]) -> list[tuple[int, int, int]]:
-    """Of each state the symbol, how many bits follow, and the next state without these."""
+    """Returns for each state the symbol, the number of bits that follow, and the next state without
+    them."""
     symbols = [0] * 256
     for at, symbol in enumerate(s for s, count in enumerate(found) for _ in range(count)):
         symbols[163 * at % 256] = symbol
@@ -296,7 +301,8 @@ def table_of(found: list[int]) -> list[tuple[int, int, int]]:
 
 
 class Channel:
-    """A channel of all blocks. `firsts` are the first blocks of all groups; the last axis of values is the block of a group."""
+    """A channel of all blocks. `firsts` are the first blocks of all groups; the last axis of values
+    is the block of a group."""
 
     def __init__(self, form: Form, header: Bits, streams: Streams, numbers: tuple[int, int | None], firsts: list[Block]) -> None:
         self.axes, self.mean, self.streams = form.axes, form.rule == "mean", streams
@@ -321,7 +327,7 @@ class Channel:
         self.tables = [table_of(found) for found in contexts]
 
     def group(self, roots: list[int], blocks: list[Block]) -> list[Values]:
-        """Numbers of the blocks of a group, level by level."""
+        """Returns the numbers of a group's blocks, level by level."""
         found = [np.array([wrap(root, self.lanes) for root in roots], self.type).reshape((1,) * self.axes + (-1,))]
         for voids in zip(*(block.void for block in blocks)):
             found.append(self._level(found[-1], np.stack(voids, -1), self.steps.pop(0)))
@@ -331,26 +337,26 @@ class Channel:
         return values << bits if bits > 0 else values >> -bits
 
     def _size(self, values: Values) -> Values:
-        """Values without signs, as numbers that add up without end: see `_limit`."""
+        """Returns absolute values, as numbers whose sums do not overflow: see `_limit`."""
         if self.lanes == 16:
             return np.minimum(np.abs(values.astype("i8")), 32767)
         return np.abs(values).view(f"u{self.lanes // 8}").astype(object)
 
     def _limit(self, size: Values) -> Values:
-        """Sums of sizes: they end at the maximum, or wrap."""
+        """Returns sums of sizes, which saturate or wrap."""
         return np.minimum(size, 32767) if self.lanes == 16 else size % (1 << self.lanes)
 
     def _grow(self, size: Values, bits: int) -> Values:
-        """A size times a power of two."""
+        """Returns a size times a power of two."""
         size = self._limit(size)
         if bits <= 0:
-            # (Of wide lanes a size has a sign here.)
+            # In wide lanes a size has a sign here.
             signed = size if self.lanes == 16 else (size + (1 << self.lanes - 1)) % (1 << self.lanes) - (1 << self.lanes - 1)
             return self._limit(signed >> -bits)
         return np.minimum(size, 32767 >> bits) << bits if self.lanes == 16 else self._limit(size << bits)
 
     def _level(self, parents: Values, void: Values, step: int) -> Values:
-        """Numbers of the children of parents."""
+        """Returns the numbers of the parents' children."""
         axes, fraction = self.axes, self.fraction
         level, others, unlike = np.zeros(void.shape, self.type), np.zeros_like(parents), np.zeros_like(parents)
         slopes, curved, uneven = [], [], self._size(np.zeros_like(parents))
@@ -402,7 +408,7 @@ class Channel:
     def _expect(
         self, number: int, step: int, parents: Values, others: Values, prediction: Values, terms: int, bits: Values, summed: Values
     ) -> tuple[Values, Values]:
-        """What the children of a plane differ from their parents, and contexts."""
+        """Returns the residuals of a plane's children to their parents, and contexts."""
         first, s = self.sizes * min(number, 1), self.fraction - 2
         expected = prediction + self.type.type(((1 << s) >> 1) + terms // 2) >> s
         sums = (others << s) + prediction + self.type.type((1 << max(s - 1, 0) >> 1) + terms // 2) << 1 >> s
@@ -413,7 +419,7 @@ class Channel:
         return nearest - parents, np.where(summed, first, first + np.maximum(bits - step, 0))
 
     def _read(self, contexts: list[int], plain: int, eight: int) -> list[int]:
-        """Numbers of a plane, by their contexts."""
+        """Returns the numbers of a plane, given their contexts."""
         streams, tables = self.streams, self.tables
         symbols = [0] * len(contexts)
         whole = len(contexts) // 8 * 8

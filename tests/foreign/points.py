@@ -1,4 +1,4 @@
-"""A reader of trees of points (sections 43 to 45 of formats.md), written from that page alone.
+"""Reader of trees of points (sections 43 to 45 of formats.md), written only from that page.
 
     python tests/foreign/points.py FILE
 """
@@ -17,19 +17,20 @@ from typing import Iterable, Iterator, Sequence
 from basics import Bytes, Code, Damaged, Header, Unknown, check, crc32c, metadata, spans, trailer
 from tokens import numbers, signed
 
-# Sample types by their numbers, as `struct` names them.
+# Sample types by number, in `struct` notation.
 SAMPLES = "BHhIifdbQq"
-# Levels of the parts of a node of which each has one point at most, and the deepest level of codes; by axes.
+# Levels of a node's subdivisions that each have at most one point, and the maximum code level; by
+# axes.
 PARTS, DEEPEST = {2: 8, 3: 7}, {2: 29, 3: 19}
 NOTHING = (1 << 63) - 1, -1 << 63
 
 Number = int | float
-# Steps along x, y and z, then the values of attributes.
+# Grid units along x, y and z, then the values of attributes.
 Point = tuple[Number, ...]
 
 
 def ordered(value: Number, sample: str) -> int:
-    """The ordered number of a value."""
+    """Returns the ordered number of a value."""
     if sample == "Q":
         return int(value) - (1 << 63)
     if sample not in "fd":
@@ -40,7 +41,7 @@ def ordered(value: Number, sample: str) -> int:
 
 
 def value_of(number: int, sample: str) -> Number:
-    """The value that an ordered number stands for."""
+    """Returns the value of an ordered number."""
     try:
         if sample == "Q":
             return number + (1 << 63)
@@ -56,7 +57,7 @@ def value_of(number: int, sample: str) -> Number:
 
 @dataclass
 class Column:
-    """An attribute, or the steps along an axis."""
+    """An attribute, or the grid units along an axis."""
 
     name: str
     sample: str
@@ -65,13 +66,13 @@ class Column:
     no_data: int | None = None
 
     def meant(self, stored: Number) -> Number:
-        """The value that a stored one stands for."""
+        """Returns the meaning of a stored value."""
         return stored * self.scale[0] + self.scale[1] if self.scale else stored
 
 
 @dataclass
 class Statistics:
-    """Of the values of a column: how many are numbers, the least and the greatest as ordered numbers, and their sum."""
+    """Statistics of a column: count of numbers, minimum and maximum as ordered numbers, and sum."""
 
     count: int
     least: int
@@ -185,18 +186,18 @@ class Points:
         return Code(0, (0,) * self.axes)
 
     def world(self, point: Sequence[Number]) -> list[float]:
-        """Where a point is in the world."""
+        """Returns the world position of a point."""
         return [x * scale + offset for x, scale, offset in zip(point, self.scale, self.offset)]
 
     def code(self, point: Sequence[Number]) -> int:
-        """The code of a point."""
+        """Returns the code of a point."""
         places = [int(x) - corner for x, corner in zip(point[: self.axes], self.corner)]
         check(all(0 <= x < 1 << self.bits for x in places), "a point is not inside")
         return Code(self.deepest, tuple(x >> self.bits - self.deepest for x in places)).code
 
     @cached_property
     def order(self) -> list[int]:
-        """The columns in the order in which blocks have them."""
+        """Returns the columns in block order."""
         names, last = [column.name for column in self.columns], range(len(self.columns))
         clock = names.index("gps_time", 3) if "gps_time" in names[3:] else None
         labels = [i for i in last[3:] if self.columns[i].sample == "B" and i != clock]
@@ -205,13 +206,13 @@ class Points:
 
     @cached_property
     def clock(self) -> int | None:
-        """The column that is the clock."""
+        """Returns the clock column, if any."""
         return self.order[0] if self.columns[self.order[0]].name == "gps_time" and self.order[0] > 2 else None
 
     # Section 44.
 
     def ordered_numbers(self, block: Block) -> list[list[int]]:
-        """The ordered numbers of a block, by column."""
+        """Returns a block's ordered numbers, by column."""
         data = self.data[block.at : block.at + block.size]
         check(crc32c(data) == block.crc, "checksum of a block")
         b = Bytes(data)
@@ -226,7 +227,7 @@ class Points:
         return found
 
     def points_of(self, block: Block) -> list[Point]:
-        """The points of a block, each with its steps and the values of its attributes."""
+        """Returns the points of a block, each with its grid units and attribute values."""
         columns = self.ordered_numbers(block)
         values = [[value_of(n, column.sample) for n in of] for column, of in zip(self.columns, columns)]
         extremes = tuple(map(min, columns[:3])), tuple(map(max, columns[:3]))
@@ -234,18 +235,19 @@ class Points:
         return list(zip(*values))
 
     def points(self, node: Node) -> list[Point]:
-        """The points of a node itself."""
+        """Returns a node's own points."""
         return [point for block in node.blocks for point in self.points_of(block)]
 
     def walk(self) -> Iterator[tuple[Node, list[Point]]]:
-        """All nodes, by their codes, with the points of each."""
+        """Yields all nodes by code, with the points of each."""
         for node in self.nodes.values():
             yield node, self.points(node)
 
-    # All that must be true of a file.
+    # Verification.
 
     def verify(self) -> None:
-        """That points are in the nodes that the page says, in blocks as it says, and that what stands by nodes is true of them."""
+        """Checks that points are in the specified nodes and blocks, and that the nodes' summaries
+        are right."""
         of_nodes = {node.at: [self.points_of(block) for block in node.blocks] for node in self.nodes.values()}
         rows = sorted((self.code(point), node.code) for node, blocks in of_nodes.items() for points in blocks for point in points)
         places = {point[:3] for blocks in of_nodes.values() for points in blocks for point in points}
@@ -256,10 +258,11 @@ class Points:
         self._verify_statistics(of_nodes)
 
     def _verify_levels(self, rows: list[tuple[int, int]]) -> None:
-        """That each point is in the node of its level, or in one above that took in all below; by the codes of points and nodes."""
+        """Checks that each point is in the node of its level, or in an ancestor that its subtree
+        was merged into; by codes."""
         deepest = self.deepest
         at = [Code.of(code, self.axes) for code, _ in rows]
-        # The node of each point, and how many points nodes have in them and below, before any took in others.
+        # The node of each point, and the number of points in each subtree, before merging.
         first = []
         below: dict[Code, int] = {}
         for before, own in zip([None, *at], at):
@@ -271,7 +274,7 @@ class Points:
             for l in range(level + 1):
                 node = own.up(deepest - l)
                 below[node] = below.get(node, 0) + 1
-        # (Points with one code are not told apart: how many of them are in each node counts.)
+        # Points with equal codes are not distinguished: only their number per node counts.
         taken = []
         for node in first:
             above = (node.up(node.level - l) for l in range(node.level + 1))
@@ -280,20 +283,20 @@ class Points:
         check(set(self.nodes) == {node.up(levels) for node in set(taken) for levels in range(node.level + 1)}, "nodes")
 
     def _verify_blocks(self, blocks: list[list[Point]]) -> None:
-        """That the points of a node are cut into blocks in the order of their codes."""
+        """Checks that a node's points are split into blocks in code order."""
         check(all(len(points) == self.leaf_size for points in blocks[:-1]), "points of blocks")
         check(all(len(points) <= self.leaf_size for points in blocks[-1:]), "points of the last block")
         codes = [sorted(map(self.code, points)) for points in blocks]
         check(all(a[-1] <= e[0] for a, e in pairwise(codes)), "the order of blocks")
 
     def _verify_statistics(self, of_nodes: dict[Code, list[list[Point]]]) -> None:
-        """That what stands by nodes is true of the points in them and below."""
+        """Checks that a node's summary matches the points of its subtree."""
         below: dict[Code, list[Node]] = {}
         for at, blocks in reversed(of_nodes.items()):
             for i, column in enumerate(self.columns):
                 is_value = lambda value: not math.isnan(value) and ordered(value, column.sample) != column.no_data
                 values = [[point[i] for point in points if is_value(point[i])] for points in blocks]
-                # (Those of the nodes below are known to be true.)
+                # The child nodes' summaries have been checked.
                 more = [node.columns[i] for node in reversed(below.get(at, []))]
                 keys = [ordered(value, column.sample) for of in values for value in of]
                 keys += [key for told in more for key in (told.least, told.most) if told.count]
@@ -307,7 +310,7 @@ class Points:
 
 
 def added(values: Iterable[Number]) -> float:
-    """The sum of `f64`, in this order."""
+    """Returns the sum of `f64` numbers, in this order."""
     total = 0.0
     for value in values:
         total += float(value)
@@ -315,12 +318,12 @@ def added(values: Iterable[Number]) -> float:
 
 
 def sum_of(values: list[Number], sample: str) -> float:
-    """The sum of a block's values."""
+    """Returns the sum of a block's values."""
     return added(values) if sample in "fdQ" else float(sum(values))
 
 
 def rounded(value: float) -> int:
-    """What a prediction adds, modulo 2^64."""
+    """Returns the value that a prediction adds, modulo 2^64."""
     value += 0.5
     if math.isnan(value):
         return 0
@@ -328,7 +331,7 @@ def rounded(value: float) -> int:
 
 
 class Line:
-    """Where a line through the last points leads, by the clock."""
+    """Linear extrapolation of the last points, by the clock."""
 
     def __init__(self) -> None:
         self.w = self.t = self.q = self.n = self.p = 0.0
@@ -358,7 +361,7 @@ class Line:
 
 
 class Mean:
-    """The mean of the last numbers, as it is from the last one on."""
+    """The running mean of the last numbers."""
 
     def __init__(self) -> None:
         self.w = self.n = 0.0
@@ -372,7 +375,8 @@ class Mean:
 
 
 def read_column(b: Bytes, count: int, clock: list[int] | None, known: list[list[int]], labels: list[int]) -> list[int]:
-    """The ordered numbers of a column: all of its bytes, the clock's numbers, and the columns before it, of which some may be labels."""
+    """Returns the ordered numbers of a column, given all its bytes, the clock's numbers, and the
+    previous columns, some of which may be labels."""
     way, label = b.get("BB")
     check(way == 0x40 or way & 0x7C == 0, "a way that is none")
     check(label == 0 or label - 1 in labels, "a label that is none")
@@ -389,7 +393,7 @@ def read_column(b: Bytes, count: int, clock: list[int] | None, known: list[list[
 
 
 def predicted(errors: list[int], prediction: int, clock: list[int] | None) -> list[int]:
-    """The numbers that errors and a prediction make."""
+    """Returns the numbers, given residuals and a prediction."""
     if prediction == 0:
         return errors
     found: list[int] = []

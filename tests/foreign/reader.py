@@ -1,9 +1,10 @@
-"""A reader of Goblin files in Python and NumPy: what formats.md says in sections 1 to 15, and nothing that the page does not say.
+"""Reader of Goblin files in Python and NumPy, written only from sections 1 to 15 of formats.md.
 
-It shows that the page is whole, and is a start for readers in other languages. It reads all of a file into memory and is in no hurry.
-What files have in common is in basics.py, trees in trees.py, Autumnal files in autumnal.py, exact models in models.py, the rules of
-section 13 in rules.py, packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py, and what must be true of a whole
-file in verify.py.
+It shows that the page is complete, and is a start for readers in other languages. It reads a whole
+file into memory and is not optimized. Common parts of files are in basics.py, trees in trees.py,
+Autumnal files in autumnal.py, exact models in models.py, the rules of section 13 in rules.py,
+packed segments and extents in packed.py, trees of points in points.py, of lines in lines.py, and
+the verification of whole files in verify.py.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from trees import CUT, INNER, VOID, Form, Run, Statistics, Tree, sum_of
 
 NO_COUNTS = 0xFFFF
 
-# What the index tells of a page: code, where it starts in the run, bytes, checksum.
+# The index entry of a page: code, offset in the run, length, checksum.
 Place = tuple[int, int, int, int]
 
 
 @dataclass
 class Entry:
-    """An entry of the directory."""
+    """An entry of the segment index."""
 
     raw: bytes
     node: Code
@@ -61,7 +62,7 @@ class Layer(Tree):
         self.run = self.part(run_at, run_size, None)
         check(meta_size <= 1 << 24, "metadata are too large")
         self.meta = metadata(self.part(meta_at, meta_size, meta_crc))
-        # How many pages each level of the index has, that of the directory's pages first.
+        # Number of pages in each level of the index, that of the segment index's pages first.
         self.levels = [-(-self.segments // 128)]
         while self.levels[-1] > 256:
             self.levels.append(-(-self.levels[-1] // 256))
@@ -78,7 +79,7 @@ class Layer(Tree):
         return data
 
     def paged(self, place: Place) -> bytes:
-        """A page that an entry of the index tells of."""
+        """Returns the page of an index entry."""
         _, at, size, crc = place
         check(self.directory <= at and at + size <= len(self.run), "a page lies elsewhere")
         data = self.run[at : at + size]
@@ -101,7 +102,7 @@ class Layer(Tree):
         return Entry(raw, Code.of(code, f.axes), start, size, places, classes, codec, crc, statistics)
 
     def page(self, number: int, place: Place) -> tuple[list[tuple[int, Entry]], list[Entry]]:
-        """A page of the directory: copies with their numbers, and its own entries."""
+        """Returns a page of the segment index: copies with their numbers, and its own entries."""
         if number not in self.pages:
             b = Bytes(self.paged(place))
             copies, own = b.get("HH4x")
@@ -115,7 +116,7 @@ class Layer(Tree):
         return self.pages[number]
 
     def index(self) -> Iterator[tuple[int, Place]]:
-        """All pages of the directory, by the index."""
+        """Yields all pages of the segment index, by the index over them."""
         places: list[Place] = list(struct.iter_unpack("<QQII", self.top))
         for count in reversed(self.levels[:-1]):
             below: list[Place] = []
@@ -129,11 +130,11 @@ class Layer(Tree):
 
     @cached_property
     def entries(self) -> list[Entry]:
-        """All entries of the directory, by ascending code."""
+        """Returns all entries of the segment index, by ascending code."""
         return [entry for number, place in self.index() for entry in self.page(number, place)[1]]
 
     def find(self, node: Code) -> Entry:
-        """The deepest segment of a node or its ancestors (section 12)."""
+        """Returns the deepest segment of a node or its ancestors (section 12)."""
         code, rows, number = node.code, list(struct.iter_unpack("<QQII", self.top)), 0
         for level in range(len(self.levels) - 1, -1, -1):
             last = sum(row[0] <= code for row in rows) - 1
@@ -149,7 +150,7 @@ class Layer(Tree):
         raise Damaged("no segment contains a node")
 
     def segment(self, entry: Entry) -> bytes:
-        """The bytes of a segment, checked, and unpacked if it is packed."""
+        """Returns the bytes of a segment, checked and unpacked."""
         if entry.codec > 1:
             raise Unknown("the codec of a segment")
         check(entry.codec <= self.form.codec, "a packed segment among plain ones")
@@ -172,7 +173,7 @@ class Layer(Tree):
         return self.runs[code]
 
     def counts(self, entry: Entry) -> list[tuple[bytes, int]] | None:
-        """Class counts of a segment: value and cells; None where there would be too many."""
+        """Returns the class counts of a segment: value and cells; None if there are too many."""
         if entry.classes == NO_COUNTS or not self.form.classes:
             return None
         b = Bytes(self.segment(entry), entry.places * self.form.record)

@@ -1,4 +1,5 @@
-"""The rules of section 13: what the nodes of a tree, their representatives and statistics must be, given the cells alone."""
+"""The rules of section 13: nodes, representatives and statistics of a tree, computed from its
+cells."""
 
 from __future__ import annotations
 
@@ -15,7 +16,8 @@ Pair = tuple[Array, Array]
 
 
 def keys(values: Values) -> Array:
-    """Numbers in the order of section 7: that of the values, of floating ones the total order."""
+    """Returns sort keys in the order of section 7: by value, for floating-point values the total
+    order."""
     if values.dtype.kind != "f":
         return values
     bits = np.ascontiguousarray(values).view(f"i{values.dtype.itemsize}")
@@ -53,7 +55,7 @@ def triple(h: Array, m: Array, l: Array) -> tuple[Array, Array, Array]:
 
 
 def add(a: Any, b: Any) -> Any:
-    """The sum of two numbers in as many parts."""
+    """Returns the sum of two numbers with as many components."""
     if len(a) == 3:
         (h, m, l), (H, M, L) = a, b
         s, e = two(h, H)
@@ -69,7 +71,7 @@ def add(a: Any, b: Any) -> Any:
 
 
 def square(x: Array) -> Pair:
-    """The square of an `f64`."""
+    """Returns the square of an `f64`."""
     t = x * 134217729.0
     u = t - (t - x)
     v = x - u
@@ -79,21 +81,21 @@ def square(x: Array) -> Pair:
 
 
 def squares_of(values: Values, there: Array) -> tuple[Array, ...]:
-    """The squares of floating samples, in parts."""
+    """Returns the squares of floating-point samples, in components."""
     x = np.where(there, values.astype(np.float64), 0.0)
     zero = np.zeros(x.shape)
     return (x * x, zero) if values.dtype.itemsize == 4 else (*square(x), zero)
 
 
 def fold(parts: list[Any], plus: Any) -> Any:
-    """The sum of children, added two by two."""
+    """Returns the sum of children, added in pairs."""
     while len(parts) > 1:
         parts = [plus(parts[i], parts[i + 1]) for i in range(0, len(parts), 2)]
     return parts[0]
 
 
 def best(below: list[tuple[Values, Array]], greatest: bool) -> tuple[Values, Array]:
-    """The smallest or largest samples of children, and whether there are any."""
+    """Returns the smallest or largest samples of children, and whether there are any."""
     found, there = below[0]
     for values, has in below[1:]:
         better = keys(values) > keys(found) if greatest else keys(values) < keys(found)
@@ -103,7 +105,7 @@ def best(below: list[tuple[Values, Array]], greatest: bool) -> tuple[Values, Arr
 
 
 class Level:
-    """What is known of the nodes of one level, each an array by z, y, x (and channel)."""
+    """The statistics of one level's nodes, each an array by z, y, x (and channel)."""
 
     states: Array
     values: Values
@@ -118,7 +120,7 @@ class Level:
 
 
 class Pyramid:
-    """All levels of a tree, made from its cells."""
+    """All levels of a tree, computed from its cells."""
 
     def __init__(self, form: Form, cells: Values, states: Array) -> None:
         self.form = form
@@ -206,7 +208,8 @@ class Pyramid:
         return np.take_along_axis(np.array(values), choice[None, ..., None], 0)[0]
 
     def _majorities(self, found: Level, values: list[Values], states: list[Array]) -> Values:
-        """Of tied classes that of the first child that has one of them, else that which a hash of the children's values names."""
+        """Returns, of the tied classes, the first child's that has one of them, otherwise one
+        chosen by a hash of the children's values."""
         most = found.counts.max(0)
         tied = found.counts == most
         ties = tied.sum(0)
@@ -219,7 +222,7 @@ class Pyramid:
                 words = parts.view("<u8")
                 new = (mixed ^ words[..., 0] ^ words[..., 1]) * np.uint64(0x9E3779B97F4A7C15)
                 mixed = np.where(state == VOID, mixed, new ^ (new >> np.uint64(32)))
-        # The class whose turn it is among the tied ones.
+        # The chosen class among the tied ones.
         chosen = (mixed % np.maximum(ties, 1).astype(np.uint64)).astype(np.int64)
         turn = np.cumsum(tied, 0) - 1
         number = (tied & (turn == chosen)).argmax(0)
@@ -233,7 +236,7 @@ class Pyramid:
         return np.frombuffer(f.lack[: f.type.itemsize], f.type) if f.missing else np.zeros(1, f.type)
 
     def counts(self) -> list[tuple[int, int, int]]:
-        """VOID, LEAF and INNER nodes per level, down to the deepest level that has any."""
+        """Returns the VOID, LEAF and INNER nodes per level, down to the deepest non-empty level."""
         found, nodes = [], np.ones(self.levels[0].states.shape, bool)
         for level in self.levels:
             states = level.states[nodes]
@@ -247,14 +250,14 @@ class Pyramid:
         return found
 
     def statistics(self, node: Code) -> Statistics:
-        """What a directory must tell of a node."""
+        """Returns the statistics that a segment index must have for a node."""
         level, at = self.levels[node.level], node.at[::-1]
         zero = np.zeros(1, self.form.type)
         least, most = (np.where(there[at], kept[at], zero) for kept, there in (level.least, level.most))
         return Statistics(int(level.cells[at]), least, most, self._sums(level.sums, at), self._sums(level.squares, at), level.present[at].tolist())
 
     def classes_of(self, node: Code) -> list[tuple[bytes, int]]:
-        """The class counts of a node."""
+        """Returns the class counts of a node."""
         at: Any = (slice(None), *node.at[::-1])
         counts = self.levels[node.level].counts[at]
         return [(c.tobytes(), int(n)) for c, n in zip(self.classes, counts) if n]
@@ -268,7 +271,7 @@ class Pyramid:
 
 
 def same(a: Statistics, b: Statistics) -> bool:
-    """Whether statistics are equal, in every bit."""
+    """Whether statistics are bit-identical."""
     bits = lambda sums: [struct.pack(f"<{len(s)}d", *s) if isinstance(s, tuple) else s for s in sums]  # noqa: E731
     return (
         (a.cells, a.present, bits(a.sums), bits(a.squares)) == (b.cells, b.present, bits(b.sums), bits(b.squares))

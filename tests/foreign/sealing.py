@@ -1,4 +1,5 @@
-"""Right checksums for damaged trees of points and of lines, so that what is behind them is tried."""
+"""Recomputes the checksums of corrupt trees of points and of lines, so that later checks are
+tested."""
 
 from __future__ import annotations
 
@@ -6,12 +7,13 @@ import struct
 
 from basics import Header, crc32c, spans
 
-# Sections with an entry for each block, and the bytes of an entry, in which the block's place, length and checksum stand alike.
+# Sections with an entry per block, and the entry size; offset, length and checksum of the block are
+# at the same offsets in all.
 BLOCKS = {b"PBLK": 52, b"LBLK": 44, b"LFEA": 44}
 
 
 def sealed(damaged: bytearray, was: bytes) -> bytes:
-    """A damaged file with all checksums as if it were not, by what the file was before."""
+    """Returns a corrupt file with recomputed checksums, given the original file."""
     data, places = bytearray(damaged), spans(was, Header.read(was))
     trailer = len(data) - 16 - 36 - 24 * len(places)
 

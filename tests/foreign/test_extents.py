@@ -1,9 +1,10 @@
-"""Small histories of which the older commits are packed: they are what the newest commit, which is not, and the edits say.
+"""Small histories with packed older commits, checked against the newest commit, which is not
+packed, and the edits.
 
     pytest tests/foreign
     python tests/foreign/test_extents.py
 
-Files of packed history are among the frozen ones, which test_reader.py verifies, if there are any.
+The frozen files, which test_reader.py verifies, may include files of packed history.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ from trees import LEAF, VOID, Values, raw_bits
 
 
 class History(NamedTuple):
-    """The edits that a file begins with: a window, x first, and its value, or that it is VOID; and the file."""
+    """The edits that a file begins with: a window, x first, and its value, or None for VOID; and
+    the file."""
 
     edits: list[tuple[tuple[int, ...], int | None]]
     packed: str
@@ -34,8 +36,8 @@ class History(NamedTuple):
 
 
 # fmt: off
-# Classes; numbers with VOID around, where equal subtrees are stored once; a solid; two halves, of which records are too small to be
-# packed, and once all is VOID.
+# Classes; numbers with a VOID margin, where equal subtrees are stored once; a solid; two halves,
+# whose records are too small to be packed, with one commit all VOID.
 HISTORIES = {
     "names": History(
         [
@@ -159,7 +161,7 @@ FILES = {name: history.file for name, history in HISTORIES.items()}
 
 
 def opened(name: str) -> Autumn:
-    """A history of which all has been read."""
+    """Returns a history after reading all of it."""
     file = Autumn(FILES[name])
     for commit in file.commits:
         commit.layers[0].window(file.header.depth)
@@ -167,7 +169,7 @@ def opened(name: str) -> Autumn:
 
 
 def picture(file: Autumn, number: int) -> tuple[Values, Values]:
-    """Values and states of the cells at a commit."""
+    """Returns values and states of the cells at a commit."""
     return file.commits[number].layers[0].window(file.header.depth)
 
 
@@ -201,18 +203,19 @@ def test_flipped_bits_are_noticed(name: str) -> None:
         for at in rng.sample(places, 2):
             damaged = bytearray(FILES[name])
             damaged[at] ^= 1 << rng.randrange(8)
-            # (Bytes of the head that readers ignore have a checksum.)
+            # A checksum covers the head's bytes that readers ignore.
             with pytest.raises(Damaged):
                 Autumn(bytes(damaged)).verify()
         if not data[6]:
             continue
-        # What the checksum of the extent does not tell.
+        # Corruption that the checksum of the extent does not show.
         for at in rng.sample(range(56, len(data)), 40):
             damaged = bytearray(data)
             damaged[at] ^= 1 << rng.randrange(8)
             tried += 1
             try:
-                # (A number may be told in more bits than it needs, a table have values that nothing has.)
+                # A number may be coded in more bits than necessary, and a table may have unused
+                # values.
                 assert Packed(file, start, bytes(damaged)).records == file.unpacked[start].records
             except Damaged:
                 noticed += 1
@@ -229,7 +232,8 @@ def test_heads_that_cannot_be(name: str) -> None:
         others: list[tuple[int, bytes]] = [
             *((0, struct.pack("<I", n)) for n in (0, size - 1, size + 1, (1 << 20) + 1)),
             *((4, struct.pack("<H", n)) for n in (0, count - 1, count + 1, 481)),
-            # Model, or where the first record starts; first state, or the second one; the tree's depth.
+            # Model, or offset of the first record; first state, or the second one; the tree's
+            # depth.
             *((60 if packed else 56, bytes([n])) for n in (1 if packed else 3, 255)),
             *((61, bytes(8)) for _ in range(packed)),
             (13, bytes([file.header.depth + 1])),

@@ -1,9 +1,9 @@
-"""A small tree of lines: the reader finds the features that it was made of, and notices what is damaged.
+"""A small tree of lines: the reader finds the original features, and detects corruption.
 
     pytest tests/foreign
     python tests/foreign/test_lines.py
 
-Files that the program makes are compared with what it says in python/tests/test_foreign.py.
+python/tests/test_foreign.py compares files made by the program with the program's own results.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from basics import Bytes, Code, Damaged, Header, Unknown, spans
 from lines import Json, Lines, read_column
 from sealing import sealed
 
-# Features, and the nodes of 25 pieces that they take.
+# Features, and their number of nodes of 25 line segments.
 FEATURES, NODES = 40, 23
 # fmt: off
 FILE = zlib.decompress(base64.b64decode(
@@ -57,7 +57,7 @@ FILE = zlib.decompress(base64.b64decode(
 
 
 def feature(i: int) -> tuple[list[list[tuple[float, float]]], list[Any]]:
-    """Lines and values of a feature."""
+    """Returns lines and values of a feature."""
     k = i * i * 7919 % 1009
     x, y = (-800.0 if i == 7 else i % 8 * 25.0), k / 8
     lines = [[(x, y), (x + k % 5, y + 0.125), (x + k % 5, y + 9)]]
@@ -88,7 +88,7 @@ def test_nodes_tell_what_is_below() -> None:
 
 
 def read(data: bytes) -> Lines:
-    """A tree of which everything has been read."""
+    """Returns a tree after reading all of it."""
     tree = Lines(data)
     assert sum(len(pieces) for _, pieces in tree.walk()) == tree.pieces
     assert len(list(tree.each_feature())) == tree.features
@@ -96,7 +96,7 @@ def read(data: bytes) -> Lines:
 
 
 def test_each_flipped_byte_is_noticed() -> None:
-    # (Each byte of a file is in something that has a checksum.)
+    # A checksum covers each byte of a file.
     for at in range(0, len(FILE), len(FILE) // 500):
         damaged = bytearray(FILE)
         damaged[at] ^= 1 << at % 8
@@ -105,7 +105,8 @@ def test_each_flipped_byte_is_noticed() -> None:
 
 
 def test_what_checksums_do_not_tell() -> None:
-    """Bytes are wrong, one in each file, and all checksums are right: there is an error, or there are as many features and pieces as are told."""
+    """Corrupt bytes, one in each file, with valid checksums: an error, or the right number of
+    features and line segments."""
     assert sealed(bytearray(FILE), FILE) == FILE
     errors, places = 0, range(0, len(FILE) - 16 - 36 - 24 * 5, len(FILE) // 250)
     for at in places:

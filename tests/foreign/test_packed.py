@@ -1,9 +1,9 @@
-"""Packed segments of small trees, against the length and the checksum of what was packed.
+"""Packed segments of small trees, against the length and the checksum of the originals.
 
     pytest tests/foreign
     python tests/foreign/test_packed.py
 
-Files of packed segments are among the frozen ones, which test_reader.py verifies, if there are any.
+The frozen files, which test_reader.py verifies, may include files of packed segments.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from verify import verify_segments, verify_tree
 
 
 class Sample(NamedTuple):
-    """A tree of one segment: the first half of its header, its extent, the plain segment and the packed one."""
+    """A tree of one segment: the first half of its header, its extent, the plain segment and the
+    packed one."""
 
     axes: int
     header: str
@@ -45,8 +46,8 @@ class Sample(NamedTuple):
         return unpack(form, form.depth, packed, self.size)
 
 
-# Classes, numbers with VOID among them, the same in several blocks with records around, multiples of 1/4, floats of all
-# sizes, three channels, an octree of numbers, a solid.
+# Classes, numbers with some VOID, the same in several blocks with records around, multiples of 1/4,
+# floats of all sizes, three channels, an octree of numbers, a solid.
 SAMPLES = {
     "names": Sample(
         2,
@@ -182,7 +183,7 @@ def test_flipped_bits_are_noticed(name: str) -> None:
         damaged = bytearray(packed)
         damaged[at] ^= 1 << rng.randrange(8)
         try:
-            # (A number may be told in more bits than it needs, a table have values that nothing has.)
+            # A number may be coded in more bits than necessary, and a table may have unused values.
             assert crc32c(sample.plain(bytes(damaged))) == sample.crc
         except Damaged:
             noticed += 1
@@ -202,14 +203,14 @@ def test_other_lengths_are_damage(name: str) -> None:
 
 
 def page(before: str, first: str) -> list[str]:
-    """The lines of formats.md that begin like the first one, behind a place in it."""
+    """Returns consecutive lines of formats.md that begin like the first one, after a position."""
     _, _, text = (Path(__file__).parents[2] / "docs/format/packed.md").read_text().partition(before)
     assert text, before
     return list(takewhile(lambda line: line.startswith(first), dropwhile(lambda line: not line.startswith(first), text.splitlines())))
 
 
 def dumped() -> bytes:
-    """The packed segment of formats.md."""
+    """Returns the packed segment of formats.md."""
     data = b""
     for line in page("<!-- dump: packed segment -->", "00"):
         offset, bytes_, _ = line.split("  ", 2)
@@ -232,13 +233,13 @@ def test_decisions_are_those_of_the_page(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(Coder, "bit", told)
     file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
     unpack(Goblin(file).layers[0].form, 3, dumped(), 107)
-    # (Behind the two lines of the table's head.)
+    # After the two lines of the table's head.
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page("## 40.", "| ")[2:]]
     assert len(rows) == 19 and [row[:1] + row[2:] for row in rows] == decisions[:19] and len(decisions) == 86
 
 
 def test_readers_unpack_segments() -> None:
-    """The segment of classic.goblin is packed."""
+    """Packs the segment of classic.goblin."""
     file = (Path(__file__).parents[2] / "fixtures" / "v1" / "classic.goblin").read_bytes()
     (plain,), (layer,) = Goblin(file).layers, Goblin(file).layers
     packed = dumped()
@@ -246,7 +247,7 @@ def test_readers_unpack_segments() -> None:
     layer.run = packed + layer.run[len(packed) :]
     entry.codec, entry.size, entry.crc = 1, len(packed), crc32c(packed)
     with pytest.raises(Damaged):
-        # (The tree's header does not tell of packed segments.)
+        # The tree's header does not announce packed segments.
         layer.segment(entry)
     layer.form.codec = 1
     assert layer.segment(entry) == plain.segment(plain.entries[0])

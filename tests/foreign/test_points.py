@@ -1,9 +1,9 @@
-"""Small trees of points: the reader finds the points that they were made of, and notices what is damaged.
+"""Small trees of points: the reader finds the original points, and detects corruption.
 
     pytest tests/foreign
     python tests/foreign/test_points.py
 
-Files that the program makes are compared with what it says in python/tests/test_foreign.py.
+python/tests/test_foreign.py compares files made by the program with the program's own results.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ NONE = float("nan")
 
 
 class Sample(NamedTuple):
-    """Point by point what a file was made of, with coordinates in the world; how many, of how many nodes; and the file."""
+    """The original points in world coordinates; their number, and that of the nodes; and the
+    file."""
 
     point: Callable[[int], Point]
     size: int
@@ -38,7 +39,7 @@ class Sample(NamedTuple):
         return zlib.decompress(base64.b64decode(self.packed))
 
 
-# (One point of each is far from all others, so that these are in several levels.)
+# One point of each is far from all others, so that points are in several levels.
 
 
 def in_space(i: int) -> Point:
@@ -55,7 +56,8 @@ def in_the_plane(i: int) -> Point:
 
 
 # fmt: off
-# An octree of an array with a clock, labels, and attributes of several types; a quadtree of a table. Both have nodes of 25 points.
+# An octree of an array with a clock, labels, and attributes of several types; a quadtree of a
+# table. Both have nodes of 25 points.
 SAMPLES = {
     "space": Sample(
         in_space, 110, 8, 0,
@@ -137,7 +139,7 @@ SAMPLES = {
 
 
 def counted(points: list[Point]) -> Counter[tuple[str, ...]]:
-    """Points that can be compared: what is no number is itself."""
+    """Returns points that can be compared: NaN equals itself."""
     return Counter(tuple(map(str, point)) for point in points)
 
 
@@ -162,7 +164,7 @@ def test_what_files_say_of_attributes() -> None:
 
 
 def refused(data: bytes) -> bool:
-    """Whether a file is refused; no other error is raised."""
+    """Whether a file is rejected; no other error is raised."""
     try:
         for _ in Points(data).walk():
             pass
@@ -173,7 +175,7 @@ def refused(data: bytes) -> bool:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_each_flipped_byte_is_noticed(name: str) -> None:
-    # (Each byte of a file is in something that has a checksum.)
+    # A checksum covers each byte of a file.
     data = SAMPLES[name].file
     for at in range(0, len(data), len(data) // 500):
         damaged = bytearray(data)
@@ -183,7 +185,8 @@ def test_each_flipped_byte_is_noticed(name: str) -> None:
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_what_checksums_do_not_tell(name: str) -> None:
-    """Bytes are wrong, one in each file, and all checksums are right: there is an error, or there are as many points as before."""
+    """Corrupt bytes, one in each file, with valid checksums: an error, or the right number of
+    points."""
     data = SAMPLES[name].file
     assert sealed(bytearray(data), data) == data
     errors, places = 0, range(0, len(data) - 16 - 36 - 24 * 4, len(data) // 250)
@@ -228,7 +231,7 @@ def test_ordered_numbers() -> None:
 def test_predictions() -> None:
     steady = [5, 0, 0, 0, 0, 0]
     assert predicted(steady, 0, None) == steady and predicted(steady, 1, None) == [5] * 6
-    # Along a line there are no errors behind the first two points.
+    # Along a line there are no residuals after the first two points.
     assert predicted([10, 3, 0, 0, 0, 0], 2, None) == [10, 13, 16, 19, 22, 25]
     assert predicted([10, 3, 0, 0, 0, 0], 2, [0, 1, 2, 4, 5, 8]) == [10, 13, 16, 22, 25, 34]
     assert predicted([8, 8, 0], 3, None) == [8, 16, 12]

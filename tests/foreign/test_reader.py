@@ -1,4 +1,4 @@
-"""Everything that formats.md says, held to the frozen files by a reader which was written from that page alone.
+"""Checks formats.md against the frozen files, with a reader written only from that page.
 
     pytest tests/foreign
     python tests/foreign/test_reader.py
@@ -29,7 +29,8 @@ HISTORIES = sorted(path.name for path in FIXTURES.glob("*.autumn"))
 PICTURE = np.array(
     [[int(v) for v in row.split()] for row in re.findall(r"^    ((?:\d ){7}\d)$", (ROOT / "docs/format/goblin.md").read_text(), re.M)[:8]], np.uint8
 )
-# Nodes of one level that are looked for one by one; of more, as many at random.
+# Maximum number of nodes of a level that are looked up individually; of more, a random sample of
+# this size.
 NODES = 1 << 15
 
 
@@ -38,7 +39,8 @@ def fixture(name: str) -> bytes:
 
 
 def compare_ways(tree: Tree) -> None:
-    """Windows of all levels have the values that are found node by node, and parts of them are windows, too."""
+    """Checks that windows of all levels have the values found node by node, and contain their
+    sub-windows."""
     f, rng = tree.form, random.Random(7)
     for level in range(f.depth + 1):
         values, states = tree.window(level)
@@ -57,7 +59,7 @@ def compare_ways(tree: Tree) -> None:
 
 
 def notices(data: bytes, at: int, bit: int = 0) -> bool:
-    """Whether a file with one bit turned is refused."""
+    """Whether a file with one flipped bit is rejected."""
     damaged = bytearray(data)
     damaged[at] ^= 1 << bit
     try:
@@ -129,13 +131,14 @@ def test_metadata() -> None:
 
 
 def test_each_flipped_byte_of_classic_is_noticed() -> None:
-    # Bytes that readers ignore (15 of the header and others) are in something that has a checksum, each of them.
+    # A checksum covers each byte, including those that readers ignore (15 of the header and
+    # others).
     data = fixture("classic.goblin")
     assert [at for at in range(len(data)) if not notices(data, at, at % 8)] == []
 
 
 def test_what_checksums_do_not_tell_is_noticed() -> None:
-    """Each byte of the run of classic.goblin is wrong in turn, and all checksums are right."""
+    """Corrupts each byte of the run of classic.goblin in turn, with valid checksums."""
     data = fixture("classic.goblin")
 
     def put(damaged: bytearray, at: int, start: int, end: int) -> None:
@@ -146,7 +149,7 @@ def test_what_checksums_do_not_tell_is_noticed() -> None:
         damaged[at] ^= 4
         if not 0xAB <= at < 0xAF:
             put(damaged, 0xAB, 0x18, 0x83)
-        # (That of the page is in the top, the top's in the table of layers.)
+        # The page's checksum is in the top level, the top level's in the layer table.
         put(damaged, 0x16A, 0x83, 0xD9)
         put(damaged, 0x1F2, 0x156, 0x16E)
         put(damaged, 0x22E, 0x16E, 0x206)
@@ -154,7 +157,7 @@ def test_what_checksums_do_not_tell_is_noticed() -> None:
         try:
             verify(Goblin(bytes(damaged)))
         except (Damaged, Unknown) as error:
-            # (The checksum of a segment, which is wrong itself in turn, is the only one that may tell.)
+            # Only the checksum of a segment, when it is corrupted itself, may report an error.
             assert "checksum" not in str(error) or 0xAB <= at < 0xAF, (hex(at), error)
         else:
             # Zeros of the page, which readers ignore, and the number of a table that no codec uses.
@@ -185,14 +188,15 @@ def test_commits_of_the_history() -> None:
 
 
 def test_each_flipped_byte_of_the_history_is_noticed() -> None:
-    # Readers ignore all between the numbers of the header page and the first slot, and what is between extents.
+    # Readers ignore the bytes between the header page's numbers and the first slot, and between
+    # extents.
     data = fixture("history.autumn")
     file = Autumn(data)
     file.verify()
     bytes_that_count = {*range(24), *range(64, 72), *range(4096, 4136), *range(8192, 8232)}
     for at, (_, content) in file.cache.items():
         bytes_that_count.update(range(at, at + 32 + len(content)))
-    # (Four commits, the records of three, and metadata.)
+    # Four commits, the records of three, and metadata.
     assert len(file.cache) == 8
     assert [at for at in sorted(bytes_that_count) if not notices(data, at, at % 8)] == []
     others = [at for at in range(len(data)) if at not in bytes_that_count]
@@ -206,12 +210,12 @@ def test_a_slot_that_is_damaged() -> None:
         damaged = data.copy()
         damaged[slot + 9] ^= 1
         file = Autumn(bytes(damaged))
-        # (The newest commit is found behind the one that is known.)
+        # The newest commit is found after the known one.
         assert [c.sequence for c in file.commits] == [1, 2, 3, 4] and not file.slots_are_whole
     damaged[newest + 9] ^= 1
     with pytest.raises(Damaged):
         Autumn(bytes(damaged))
-    # What is behind the newest commit's end is no commit, and may be anything.
+    # Data after the newest commit's end is not a commit, and may be anything.
     assert len(Autumn(bytes(data + bytes(5000))).commits) == 4 and file.commits[0].at >= FIRST
 
 

@@ -1,4 +1,5 @@
-"""The rules of section 13, which the frozen files have not all of: rules.py, for all nodes at once, against one node after the other."""
+"""The rules of section 13, which the frozen files cover only partially: rules.py, for all nodes at
+once, against a node-by-node computation."""
 
 from __future__ import annotations
 
@@ -67,7 +68,7 @@ def square(x: float) -> tuple[float, float]:
 
 
 class Node:
-    """A node, made of its children or of a cell; samples are None where they are missing."""
+    """A node, made of its children or of a cell; missing samples are None."""
 
     cells: int
     inner: int
@@ -151,12 +152,12 @@ class Node:
 
 
 def counts(f: Form, cell: tuple[Any, ...]) -> bool:
-    """Whether a cell's samples count: where it is not transparent."""
+    """Whether a cell's samples count, i.e. it is not transparent."""
     return not f.alpha or bool(cell[-1])
 
 
 def key(x: Any) -> Any:
-    """The order of section 7: -0.0 comes before 0.0. What is missing is the number that says so."""
+    """Returns the sort key of section 7: -0.0 before 0.0. Missing samples are the nodata value."""
     return (LACK, 1) if x is None else (x, math.copysign(1, x))
 
 
@@ -180,7 +181,7 @@ def test_all_nodes_at_once_and_each_by_itself(sample: int, rule: int) -> None:
         values, states = np.zeros((*size, channels), f.type), np.zeros(size, np.uint8)
         cells: dict[Any, Any] = {}
         for at in np.ndindex(*size):
-            # (Now and then all of a node of level 1 has one value.)
+            # Occasionally all of a node of level 1 has one value.
             block = random.Random(f"{at[0] >> depth - 1} {at[-1] >> depth - 1} {sample} {rule}").random() < 0.3
             cell = (some[0],) * channels if block else tuple(None if mask == 1 and rng.random() < 0.3 else rng.choice(some) for _ in range(channels))
             if not block and rng.random() < 0.3 or all(x is None for x in cell):

@@ -1,4 +1,4 @@
-"""Numbers by tokens (section 45 of formats.md): columns of trees of points and of trees of lines."""
+"""Numbers coded as tokens (section 45 of formats.md): columns of trees of points and of lines."""
 
 from __future__ import annotations
 
@@ -7,17 +7,17 @@ from typing import Sequence
 
 from basics import Bytes, check
 
-# What the frequencies of a context add up to, and the least state.
+# The sum of a context's frequencies, and the minimum state.
 WHOLE, LEAST = 1 << 12, 1 << 16
 
 
 def signed(n: int) -> int:
-    """A number modulo 2^64, as one with a sign."""
+    """Returns a number modulo 2^64 as a signed one."""
     return (n + (1 << 63) & (1 << 64) - 1) - (1 << 63)
 
 
 def unfolded(n: int) -> int:
-    """The number that was folded."""
+    """Decodes a folded number."""
     return -(n >> 1) - 1 if n & 1 else n >> 1
 
 
@@ -35,14 +35,15 @@ class Bits:
         return found & (1 << count) - 1
 
     def finish(self) -> None:
-        """Nothing is left but what fills the last byte."""
+        """Checks that only padding of the last byte remains."""
         left = 8 * len(self.data) - self.at
         check(left < 8 and not self.take(left), "something is left of bits")
 
 
 @dataclass
 class Table:
-    """The tokens of a context: which one each of 4096 parts belongs to, and starts and frequencies by token."""
+    """The tokens of a context: the token of each of 4096 slots, and starts and frequencies by
+    token."""
 
     parts: list[int]
     start: dict[int, int]
@@ -50,7 +51,7 @@ class Table:
 
     @staticmethod
     def read(bits: Bits, most: int) -> Table:
-        """The next table, of tokens of which none is greater than so much."""
+        """Reads the next table, of tokens up to `most`."""
         first, last = bits.take(10), bits.take(10)
         table = Table([], {}, {})
         if (first, last) == (1, 0):
@@ -72,12 +73,12 @@ class Table:
 
 
 def numbers(data: Bytes, contexts: Sequence[int]) -> list[int]:
-    """As many numbers as contexts, each in the context that stands for it."""
+    """Reads as many numbers as contexts, each in its own context."""
     return [unfolded(n) for n in folded(data, contexts)]
 
 
 def folded(data: Bytes, contexts: Sequence[int]) -> list[int]:
-    """Numbers before they are unfolded."""
+    """Returns numbers before they are unfolded."""
     tables_size, words, rests_size = data.get("HII")
     bits = Bits(data.take(tables_size))
     fine = 9 if bits.take(1) else 4

@@ -1,5 +1,5 @@
-"""Trees: their headers, records and dense blocks, and windows of any level, which are drawn alike from Goblin and Autumnal files
-(sections 5, 6 and 12 of formats.md)."""
+"""Trees: headers, records and dense blocks, and windows of any level, which are drawn in the same
+way from Goblin and Autumnal files (sections 5, 6 and 12 of formats.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from basics import Code, Damaged, Header, Point, Unknown, check
 from numpy.typing import NDArray
 
 VOID, LEAF, INNER, CUT = range(4)
-# By number. (Three numbers are those of an earlier form.)
+# By number. Three numbers belong to an earlier version.
 SAMPLES = ["<u1", "<u2", "<i2", "<u4", "<i4", "<f4", None, "<i1", None, None, "<f8", "<u8", "<i8"]
 RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
 
@@ -20,7 +20,7 @@ Values = NDArray[Any]
 
 
 class Form:
-    """A tree's header (section 5), and what follows from it: how large things are."""
+    """A tree's header (section 5), and the derived sizes."""
 
     def __init__(self, raw: bytes, file: Header) -> None:
         (sample, self.channels, rule, kind, self.codec, self.depth, self.reach, self.stride, self.heavy, mask, self.lack, *extent) = (
@@ -28,7 +28,7 @@ class Form:
         )
         if sample >= len(SAMPLES) or SAMPLES[sample] is None or rule >= len(RULES) or kind > 1 or self.codec > 1:
             raise Unknown("a number of the tree's header is not known")
-        # (All but what readers ignore.)
+        # Everything except what readers ignore.
         self.raw = raw[:13] + raw[16:]
         self.axes = axes = file.axes
         self.type = np.dtype(SAMPLES[sample])
@@ -49,12 +49,12 @@ class Form:
         self.skips = 21 if axes == 2 else 29
 
     def values(self, data: bytes, at: int, count: int) -> Values:
-        """Values that stand one behind the other."""
+        """Returns consecutive values."""
         check(at + count * self.width <= len(data), "values end too early")
         return np.frombuffer(data, self.type, count * self.channels, at).reshape(count, self.channels)
 
     def dense_levels(self, kind: int, places: int) -> int:
-        """`k` of a dense block of so many places (section 6)."""
+        """Returns `k` of a dense block of `places` records (section 6)."""
         for k in range(*((3, 9) if self.axes == 2 else (2, 5))):
             n = sum(self.children**j for j in range(2, k + 1))
             bits = self.children**k // 8 if kind > 2 else 0
@@ -64,17 +64,17 @@ class Form:
 
 
 def raw_bits(values: Values) -> Values:
-    """Values as unsigned integers: equal where they are in every bit."""
+    """Returns values as unsigned integers, which are equal if all bits are."""
     return np.ascontiguousarray(values).view(f"u{values.dtype.itemsize}")
 
 
 def kids(a: Values, axes: int) -> list[Values]:
-    """The values of child 0, 1 ... of each node of the next coarser level."""
+    """Returns the values of child 0, 1 ... of each node of the next coarser level."""
     return [a[tuple(slice(i >> b & 1, None, 2) for b in reversed(range(axes)))] for i in range(1 << axes)]
 
 
 def states_above(states: Values, values: Values, axes: int) -> Values:
-    """The states of nodes whose children have these."""
+    """Returns the states of nodes whose children have these."""
     below, of = kids(states, axes), [raw_bits(v) for v in kids(values, axes)]
     empty = np.logical_and.reduce([s == VOID for s in below])
     same = np.logical_and.reduce([(s == LEAF) & (v == of[0]).all(-1) for s, v in zip(below, of)])
@@ -83,7 +83,8 @@ def states_above(states: Values, values: Values, axes: int) -> Values:
 
 @dataclass
 class Block:
-    """A record, or a dense block: values and states of the nodes 1 to `k` levels below its node, by z, y, x."""
+    """A record or a dense block: values and states of the nodes 1 to `k` levels below its node, by
+    z, y, x."""
 
     k: int
     values: list[Values]
@@ -92,7 +93,7 @@ class Block:
 
 
 class Run:
-    """Records and dense blocks below one node: those of a segment, or of a pointered record."""
+    """Records and dense blocks below one node: those of a segment, or of a record with pointers."""
 
     def __init__(self, form: Form, data: bytes, node: Code) -> None:
         self.form, self.data, self.node = form, data, node
@@ -100,7 +101,7 @@ class Run:
         check(len(data) % form.record == 0 and self.head(0)[1] * form.record == len(data), "the first skip is not all places")
 
     def head(self, place: int) -> tuple[int, int, int]:
-        """States, skip and mark of a record."""
+        """Returns states, skip and mark of a record."""
         f = self.form
         check(0 <= place < len(self.data) // f.record, "a record is beyond the run")
         at = place * f.record + f.children * f.width
@@ -111,7 +112,7 @@ class Run:
         return states, skip, last >> f.skips
 
     def block(self, place: int) -> Block:
-        """All that stands at a place: the nodes below, and where their records are."""
+        """Returns the nodes below a record, and the indices of their records."""
         if place not in self.blocks:
             self.blocks[place] = self._block(place)
         return self.blocks[place]
@@ -150,7 +151,8 @@ class Run:
         return Block(k, values, [np.empty(0), *found], {})
 
     def look(self, path: list[int]) -> tuple[int, bytes]:
-        """State and value at the end of a path (section 12), by one byte after the other. (In dense blocks INNER is any state but VOID.)"""
+        """Returns state and value at the end of a path (section 12), byte by byte. In dense blocks
+        INNER is any state except VOID."""
         f, place = self.form, 0
         for step, child in enumerate(path):
             states, skip, mark = self.head(place)
@@ -196,7 +198,8 @@ class Spot(NamedTuple):
 
 
 class Tree:
-    """A layer: what Goblin and Autumnal files have in common. They tell how to go on at a CUT, and what a node's value is."""
+    """A layer: common code of Goblin and Autumnal files. Subclasses continue at CUT nodes, and
+    return a node's value."""
 
     form: Form
     name: str
@@ -205,22 +208,22 @@ class Tree:
     meta: dict[str, Any]
 
     def first(self) -> Run:
-        """The run of the root."""
+        """Returns the run of the root."""
         raise NotImplementedError
 
     def deeper(self, run: Run, node: Code) -> Run:
-        """The run in which to go on below a node that is CUT in another one."""
+        """Returns the run that continues below a node that is CUT in another one."""
         raise NotImplementedError
 
     def value(self, node: Code) -> bytes | None:
-        """The value of one node, by the way that leads to it alone; None for VOID."""
+        """Returns the value of one node, found only along its path; None for VOID."""
         raise NotImplementedError
 
     def start(self, run: Run) -> Spot:
         return Spot(run, run.block(0), 0, (0,) * self.form.axes, run.node)
 
     def step(self, spot: Spot, to: Code) -> Spot:
-        """From an INNER node to its child on the way to another node."""
+        """Returns an INNER node's child on the path to another node."""
         child = to.up(to.level - spot.node.level - 1)
         at = tuple(v << 1 | c & 1 for v, c in zip(spot.at, child.at))
         below = Spot(spot.run, spot.block, spot.j + 1, at, child)
@@ -234,9 +237,11 @@ class Tree:
         return self.down(self.start(self.deeper(spot.run, child)), child)
 
     def window(self, level: int, low: Point | None = None, high: Point | None = None) -> tuple[Values, Values]:
-        """Values and states of the nodes of a level from one corner to another (x first), by z, y, x; all of them if none is given.
+        """Values and states of a level's nodes between two corners (x first), by z, y, x; by
+        default all.
 
-        What is inside a VOID or LEAF has its state."""
+        Nodes inside a VOID or LEAF have its state.
+        """
         f = self.form
         low, high = low or (0,) * f.axes, high or (1 << level,) * f.axes
         size = tuple(b - a for a, b in zip(low, high))[::-1]
@@ -244,7 +249,7 @@ class Tree:
         values[...] = f.values(self.root_value, 0, 1)[0]
         if self.root_state == INNER and level > 0:
             self._paint(self.start(self.first()), level, low, high, values, states)
-            # (What is below is in another segment: INNER all the same.)
+            # Nodes below are in another segment, but still INNER.
             states[states == CUT] = INNER
         return values, states
 
@@ -261,7 +266,7 @@ class Tree:
             target.append(np.arange(max(start << more, a), min(end << more, b)))
             corner.append(start)
         cut = block.states[spot.j + deep][tuple(source[::-1])]
-        # (Each cell has the value of the block's node that it is in.)
+        # Each cell has the value of the block's node that contains it.
         pick = np.ix_(*[(cells >> more) - start for cells, start in zip(target, corner)][::-1])
         place = np.ix_(*[cells - a for cells, a in zip(target, low)][::-1])
         values[place] = block.values[spot.j + deep][tuple(source[::-1])][pick]
@@ -272,7 +277,7 @@ class Tree:
                 self._paint(self.down(spot, bottom), level, low, high, values, states)
 
     def down(self, spot: Spot, node: Code) -> Spot:
-        """From an INNER node to another one below it."""
+        """Returns an INNER node's descendant."""
         while spot.node.level < node.level:
             spot = self.step(spot, node)
         return spot
@@ -280,9 +285,11 @@ class Tree:
 
 @dataclass
 class Statistics:
-    """What a directory tells of a segment, and a zone of a node: counts, and for each channel extremes, sums and sums of squares.
+    """The statistics of a segment in the segment index, or of a node's zone: counts, and for each
+    channel extremes, sums and sums of squares.
 
-    Sums are integers, or pairs of floating numbers."""
+    Sums are integers, or pairs of floating-point numbers.
+    """
 
     cells: int
     least: Values
@@ -293,5 +300,5 @@ class Statistics:
 
 
 def sum_of(raw: bytes, floating: bool) -> Any:
-    """A sum of 16 bytes, or one of squares, which may have 24."""
+    """Returns a sum of 16 bytes, or a sum of squares, which may have 24."""
     return struct.unpack(f"<{len(raw) // 8}d", raw) if floating else int.from_bytes(raw, "little", signed=len(raw) == 16)

@@ -1,4 +1,5 @@
-"""Everything that must be true of a Goblin file: checksums, what is stored twice, and what follows from the cells (sections 6 to 13)."""
+"""Verification of Goblin files: checksums, redundant data, and what follows from the cells
+(sections 6 to 13)."""
 
 from __future__ import annotations
 
@@ -12,7 +13,7 @@ from trees import CUT, INNER, LEAF, VOID, Form, Tree, raw_bits
 
 
 def verify(file: Goblin) -> None:
-    """Raises `Damaged` unless all of a file is right."""
+    """Raises `Damaged` unless the whole file is valid."""
     for layer in file.layers:
         pyramid = verify_tree(layer)
         check(layer.meta["counts"] == pyramid.counts(), "counts of nodes per level")
@@ -22,7 +23,7 @@ def verify(file: Goblin) -> None:
 
 
 def verify_tree(tree: Tree) -> Pyramid:
-    """Whether nodes and representatives of all levels are those that follow from the cells."""
+    """Checks that nodes and representatives of all levels follow from the cells."""
     f = tree.form
     values, states = tree.window(f.depth)
     check((states <= LEAF).all(), "a cell that is INNER")
@@ -39,7 +40,8 @@ def verify_tree(tree: Tree) -> Pyramid:
 
 
 def verify_directory(layer: Layer) -> None:
-    """Whether codes ascend, and pages have copies of all ancestors of their first entries."""
+    """Checks that codes ascend, and that pages have copies of all ancestors of their first
+    entries."""
     entries = layer.entries
     check(len(entries) == layer.segments, "segments")
     check(all(a.node.code < b.node.code for a, b in zip(entries, entries[1:])), "codes of the directory")
@@ -56,12 +58,13 @@ def verify_directory(layer: Layer) -> None:
 
 
 def verify_order(layer: Layer) -> None:
-    """Whether segments stand as section 7 says, without gaps: postorder, the crown last."""
+    """Checks that segments are stored as section 7 specifies, without gaps: in postorder, the top
+    levels last."""
     f = layer.form
     crown = max(f.depth - f.reach - 6, min(f.depth - f.reach, 3)) if f.depth > f.reach else 0
 
     def place(node: Code) -> tuple[bool, list[int]]:
-        # (In postorder a node comes behind all that is below it: behind every child number.)
+        # In postorder a node follows its descendants: after every child number.
         return node.level < crown, [*node.path, f.children]
 
     end = start = 0
@@ -74,7 +77,7 @@ def verify_order(layer: Layer) -> None:
 
 
 def owners(f: Form, pyramid: Pyramid) -> list[Code]:
-    """The nodes that own segments, by section 11."""
+    """Returns the nodes that own segments, by section 11."""
     root = [Code(0, (0,) * f.axes)] if pyramid.levels[0].states.flat[0] == INNER else []
     for level in range(f.depth - f.reach, 0, -f.stride):
         heavy = np.argwhere(pyramid.levels[level].nodes > f.heavy)
@@ -83,7 +86,8 @@ def owners(f: Form, pyramid: Pyramid) -> list[Code]:
 
 
 def verify_segments(layer: Layer, pyramid: Pyramid) -> None:
-    """Whether the segments are those of section 11, byte by byte, with their class counts and statistics."""
+    """Checks that the segments are those of section 11, byte by byte, with class counts and
+    statistics."""
     check([e.node for e in layer.entries] == owners(layer.form, pyramid), "segments are those of other nodes")
     places = 0
     for entry in layer.entries:
@@ -100,20 +104,21 @@ def verify_segments(layer: Layer, pyramid: Pyramid) -> None:
 
 
 class Writer:
-    """The one way to write a segment, or an Autumnal run (section 11): places follow from the nodes alone."""
+    """The canonical form of a segment, or of an Autumnal run (section 11), computed only from the
+    nodes."""
 
     def __init__(self, form: Form, pyramid: Pyramid) -> None:
         self.form, self.pyramid = form, pyramid
 
     def segment(self, node: Code) -> bytes:
-        """All records and dense blocks of the segment of a node."""
+        """Returns all records and dense blocks of a node's segment."""
         f = self.form
         candidates = [level for level in range(f.depth - f.reach, node.level, -f.stride) if level > 0]
         self.next, self.end = (min(candidates), node.level + f.reach) if candidates else (node.level, f.depth)
         return self._node(node, f.depth if not candidates else None)
 
     def run(self, node: Code, levels: int) -> bytes:
-        """The run of an Autumnal record."""
+        """Returns the run of an Autumnal record."""
         return self._node(node, min(node.level + levels, self.form.depth))
 
     def _node(self, node: Code, bottom: int | None) -> bytes:
@@ -137,7 +142,7 @@ class Writer:
         return head + rows
 
     def _dense(self, node: Code, k: int, n: int) -> tuple[int, bytes] | None:
-        """Mark and rows of a dense block, if it is one that takes less."""
+        """Returns mark and rows of a dense block, if that is smaller."""
         f = self.form
         if k > f.reach or k not in (range(3, 9) if f.axes == 2 else range(2, 5)):
             return None

@@ -1,4 +1,5 @@
-//! Settings of file access: each access has its own, and files inherit those of the file that names them.
+//! Settings of file access: each access is independent, and files inherit the access of the file
+//! that names them.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -18,11 +19,11 @@ use spinney::{DataKind, Dataset, Error, FileAccess, OpenOptions, Output, Result,
 use super::packed::packed;
 use crate::common::{Cells, QUAD, goblin_bytes};
 
-/// A host with files in memory, by URL.
+/// A host that serves files from memory, by URL.
 #[derive(Default)]
 struct Host(Arc<Mutex<BTreeMap<String, Arc<Vec<u8>>>>>);
 
-/// The bytes of one of its files.
+/// One of its files.
 struct HostFile(Arc<Vec<u8>>);
 
 impl Fetch for HostFile {
@@ -31,7 +32,7 @@ impl Fetch for HostFile {
     }
 }
 
-/// A file on the way to it.
+/// A file being uploaded.
 struct Upload(Host, String, Vec<u8>);
 
 impl Write for Upload {
@@ -63,7 +64,7 @@ impl Host {
         self.0.lock().unwrap().get(url).cloned()
     }
 
-    /// An access with a client of its own for the same files.
+    /// Returns an access with its own client for the same files.
     fn access(&self) -> FileAccess {
         FileAccess::new().remote(Arc::new(Host(self.0.clone())))
     }
@@ -123,14 +124,14 @@ fn accesses_in_one_process_have_settings_and_caches_of_their_own() {
     assert!(first.access() == &small && second.access() == &large && small != large);
     let [first, second] = [first, second].map(|file| Dataset::of(file.into()).unwrap());
     assert!(cells(&first).unwrap() == cells(&second).unwrap());
-    // (A cache holds what was put last in any case: here a segment, which has less than 512 KiB.)
+    // A cache always holds its newest entry, here a segment of less than 512 KiB.
     assert!((1..=3 << 19).contains(&small.unpacked().held()), "{}", small.unpacked().held());
     assert!(large.unpacked().held() > 2 << 20, "{}", large.unpacked().held());
-    // A changed clone is another access, and keeps what was not changed.
+    // A changed clone is a different access and keeps all other settings.
     let other = small.clone().positioned(1 << 10);
     assert!(other != small && Arc::ptr_eq(other.unpacked(), small.unpacked()));
     assert!(small.is_positioned() && !large.is_positioned());
-    // What a closed file has left goes, of this access alone.
+    // Closing a file drops its cache entries, in this access only.
     drop(first);
     assert!(small.unpacked().held() == 0 && large.unpacked().held() > 0);
     // Files that are opened without options share one pair of caches.
@@ -153,13 +154,13 @@ fn members_of_a_manifest_are_opened_as_the_manifest_is() {
     assert!(cells(&open(&manifest, &access).unwrap()).unwrap() == expected);
     let refused = spinney::open(&manifest).and_then(|tree| cells(&tree)).unwrap_err();
     assert!(matches!(refused, Error::Unsupported { .. }), "{refused}");
-    // So are files that a step names.
+    // The same holds for files that an operation names.
     let view = open(&manifest, &access).unwrap().view(&[format!("like={url}").parse().unwrap()]).unwrap();
     assert!(cells(&view).unwrap() == expected);
     let like = spinney::open(&local).unwrap().view(&[format!("like={url}").parse().unwrap()]);
     assert!(matches!(like, Err(Error::Unsupported { .. })));
 
-    // Requests are counted where they are made, and ranges are held there.
+    // Requests are counted, and ranges are cached, per access.
     let before = access.traffic();
     assert!(before.requests > 0 && before.bytes > 0);
     let other = host.access().range_cache(1 << 14);
@@ -198,7 +199,7 @@ fn sources_and_sidecars_of_a_raster_are_opened_as_the_raster_is() {
     };
     let local = virtual_raster(fixture("island_elevation.tif").to_str().unwrap(), "local.vrt");
     let remote = virtual_raster(url, "remote.vrt");
-    // (A virtual raster has no number for missing cells unless it says one.)
+    // A virtual raster has no nodata value unless it declares one.
     let of_sources = build(&local, &ImportOptions::new()).unwrap();
     for (input, expected) in [(Path::new(url), expected), (&remote, of_sources)] {
         assert!(build(input, &options).unwrap() == expected, "{}", input.display());
@@ -216,7 +217,7 @@ fn outputs_and_jobs_go_where_their_access_leads() {
     let (access, how) = (host.access(), WriteOptions::new(64 << 20));
     let local = fixture("v1/classes.goblin");
     let expected = cells(&spinney::open(&local).unwrap()).unwrap();
-    // Files that an operation reads are opened as its output was created.
+    // Files that an operation reads are opened with the access of its output.
     let url = Path::new("https://host/copy.goblin");
     assert!(matches!(Output::create(url), Err(Error::Unsupported { .. })));
     spinney::convert(&local, false, access.create(url).unwrap(), how, &()).unwrap();
@@ -227,7 +228,7 @@ fn outputs_and_jobs_go_where_their_access_leads() {
     let refused = spinney::convert(url, false, Output::create(&copy).unwrap(), how, &()).unwrap_err();
     assert!(matches!(refused, Error::Unsupported { .. }), "{refused}");
 
-    // A job has one access for its files and its inputs, also where a plan was read again.
+    // A job uses one access for its files and its inputs, also if its plan was reloaded.
     let input = "https://host/a.tif";
     host.put(input, std::fs::read(fixture("island_classes.tif")).unwrap());
     let (spec, job) = (

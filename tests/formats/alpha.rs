@@ -1,4 +1,4 @@
-//! Transparent cells: they keep their colours, weigh nothing, and are VOID to set operations.
+//! Transparent cells keep their colours, have weight 0, and are VOID to set operations.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ const TYPES: [ValueType; 3] = [
     ValueType::new(SampleType::F32, 4).with_alpha(),
 ];
 
-/// Cells of which a third is transparent, in blocks and one by one, and a part is VOID.
+/// Cells of which a third is transparent, in blocks and singly, and some are VOID.
 fn cells(value_type: ValueType, seed: u64) -> Cells {
     let mut random = Random(seed);
     let last = usize::from(value_type.channels) - 1;
@@ -28,7 +28,7 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
     let mut cells = Vec::new();
     for y in 0..SIZE[1] {
         for x in 0..SIZE[0] {
-            // (In a part all cells are opaque.)
+            // In this region all cells are opaque.
             let is_opaque = (128..256).contains(&x) && y < 128;
             let kind = if is_opaque { 3 } else { kinds[(y / 16 * 20 + x / 16) as usize] };
             let colours: [f64; 4] = std::array::from_fn(|_| 1.0 + random.below(200) as f64);
@@ -38,7 +38,7 @@ fn cells(value_type: ValueType, seed: u64) -> Cells {
             };
             let value = value_type.nearest(|channel| match channel {
                 channel if channel == last => alpha,
-                // (Some blocks are uniform, among them transparent ones.)
+                // Some blocks are uniform, including transparent ones.
                 _ if kind == 0 && (x / 16).is_multiple_of(2) => 7.0,
                 channel => colours[channel],
             });
@@ -63,7 +63,7 @@ fn is_opaque(value_type: ValueType, value: Value) -> bool {
     value_type.samples(value)[usize::from(value_type.channels) - 1] != 0.0
 }
 
-/// The samples of each channel that opaque cells of a box have.
+/// Returns the samples per channel of the opaque cells of a box.
 fn samples(cells: &Cells, bounds: &Bounds) -> Vec<Vec<f64>> {
     let value_type = cells.form.value;
     let mut samples = vec![Vec::new(); usize::from(value_type.channels)];
@@ -79,7 +79,7 @@ fn samples(cells: &Cells, bounds: &Bounds) -> Vec<Vec<f64>> {
     samples
 }
 
-/// All cells of a level, and which of them are not VOID.
+/// Returns all cells of a level, and which of them are not VOID.
 fn level(tree: &Dataset, level: u8) -> (Vec<Value>, Vec<bool>, u64) {
     let side = 1 << (tree.depth() - level);
     let bounds = Bounds { min: [0; 3], max: [SIZE[0].div_ceil(side), SIZE[1].div_ceil(side), 1] };
@@ -109,7 +109,7 @@ fn transparent_cells_keep_their_colours_and_weigh_nothing() {
                     let below = Bounds { min: [x, y, 0], max: [x + side, y + side, 1] };
                     let samples = samples(&cells, &below);
                     if samples[0].is_empty() {
-                        // Transparent, too, if there is anything: of one colour, or of none.
+                        // Transparent as well, if there are cells: with one colour, or none.
                         assert!(!is_opaque(value_type, value), "{name} {rule} {below:?}");
                         continue;
                     }
@@ -199,7 +199,7 @@ fn set_operations_see_through_transparent_cells() {
         drop(tree);
         std::fs::remove_file(path("c.goblin")).unwrap();
     }
-    // What is pasted where there is something leaves the tree where it is transparent.
+    // Pasting only over existing cells leaves the tree unchanged where it is transparent.
     let edit =
         Edit::Paste { patch: FileView::of(&trees[0]), at: None, void: false, options: Default::default() };
     spinney::edit::edit(&trees[1], [Ok(edit)], Note::default(), 64 << 20, &()).unwrap();
@@ -222,7 +222,7 @@ fn views_without_transparent_cells() {
         let expected = cells.cells[index].filter(|value| is_opaque(TYPES[2], *value));
         assert_eq!(valid.then_some(value), expected, "cell {index}");
     }
-    // There and back.
+    // Convert to the other format and back.
     let bytes = |name: &str| std::fs::read(path(name)).unwrap();
     for (from, to) in [("a.goblin", "b.autumn"), ("b.autumn", "c.goblin")] {
         spinney::convert(

@@ -1,5 +1,5 @@
-//! Every field of Autumnal files, and every byte of some or one in a few bytes of others, set to whatever does harm, with right
-//! checksums: an error, or an answer that does no harm, for readers and for editors.
+//! Sets every field of Autumnal files, and every byte or a sample of the bytes, to malicious values
+//! with valid checksums. Readers and editors must return an error or a harmless result.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -33,7 +33,8 @@ fn random(form: TreeType, size: [u64; 3], rule: (Rule, DataKind)) -> Vec<u8> {
     file(&Cells::random(form, 3, size, 5, true).tree(rule.0), size, rule, false)
 }
 
-/// All fields of an Autumnal file; records, zones, commits and metadata byte by byte, or one of every so many.
+/// Returns all fields of an Autumnal file. Records, zones, commits and metadata are split into
+/// bytes, of which one in `every` is used.
 fn all_fields(bytes: &[u8], every: usize) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     all.extend(fields("records", RECORDS, &[1, 1, 1, 1]));
@@ -47,7 +48,8 @@ fn all_fields(bytes: &[u8], every: usize) -> Vec<Field> {
     all
 }
 
-/// Changes the fields of a file, of bytes one of every so many, asks everything, and edits it.
+/// Changes the fields of a file, and one in `every` of its bytes; then runs all queries and edits
+/// the file.
 fn attack(name: &str, file: &[u8], every: usize) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(file, every) {
@@ -56,7 +58,7 @@ fn attack(name: &str, file: &[u8], every: usize) {
             println!("{what}");
             seal::autumnal(&mut file);
             ask_autumnal(file.clone());
-            // The newest commit is edited, or an older one made the newest.
+            // Edits the newest commit, or reverts to an older one.
             edit_as(if cases.is_multiple_of(3) { b"\x83\0\0\x01" } else { b"\x02\x01\x02\x09" }, file);
             assert!(case.elapsed() < Duration::from_secs(10), "{what} took {:?}", case.elapsed());
             cases += 1;
@@ -91,7 +93,7 @@ fn fields_of_zones_and_shared_subtrees() {
     }
 }
 
-/// The commits of a file, the older one of two packed.
+/// Returns the commits of a file, with the older one of two packed.
 fn with_packed_history(bytes: &[u8]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [path, to] = ["t.autumn", "p.autumn"].map(|name| folder.path().join(name));

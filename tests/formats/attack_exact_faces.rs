@@ -1,5 +1,6 @@
-//! Blocks of faces with corners beside the grid: every field set to whatever does harm, with right checksums, and bytes at
-//! random. Files are refused, or answer, and are combined again or refused.
+//! Sets every field of blocks of faces with off-grid vertices to malicious values with valid
+//! checksums, and random bytes. Files are rejected, or return results and are combined again or
+//! rejected.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -16,7 +17,7 @@ use crate::common::sets::{Body, combined, grid, tetrahedron};
 use crate::targets::models::ask_model;
 use crate::targets::seal::{self, SECTION, SECTIONS, TRAILER};
 
-/// Two bodies that pass through each other in all kinds of planes, as one; with colours or without.
+/// Returns the union of two bodies that intersect in all kinds of planes, with or without colours.
 fn crossing(is_coloured: bool) -> Vec<u8> {
     let colour = is_coloured.then_some([1, 2, 3]);
     let of = |faces: Vec<Vec<Vec<[i32; 3]>>>| {
@@ -29,7 +30,7 @@ fn crossing(is_coloured: bool) -> Vec<u8> {
     combined(7, &[&a, &b]).bytes
 }
 
-/// Where the list of the blocks is, and the only block.
+/// Returns the ranges of the block list and of the only block.
 fn places(file: &[u8]) -> [(usize, usize); 2] {
     let trailer = seal::trailer(file).unwrap();
     let mut sections =
@@ -40,8 +41,8 @@ fn places(file: &[u8]) -> [(usize, usize); 2] {
     [list, (seal::long(file, list.0 + 8) as usize, seal::short(file, list.0 + 16) as usize)]
 }
 
-/// All fields of the list and the block, of the leaves and of the flags of faces that stand in; numbers that are wider than
-/// eight bytes in parts.
+/// Returns all fields of the list and the block, of the leaves and of the flags of proxy faces.
+/// Numbers wider than eight bytes are split.
 fn all_fields(file: &[u8]) -> Vec<Field> {
     let [(list, _), (start, length)] = places(file);
     let count = |word: usize| seal::short(file, start + 4 * word) as usize;
@@ -87,7 +88,7 @@ fn all_fields(file: &[u8]) -> Vec<Field> {
     all
 }
 
-/// Asks everything of a file, and combines it with another.
+/// Runs all queries on a file, and combines it with another.
 fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
     let case = Instant::now();
     ask_model(file.clone());
@@ -105,7 +106,7 @@ fn ask(file: Vec<u8>, other: &ExactModel, target: &Path, what: &str) {
                 16 << 20,
                 &(),
             );
-            // (What is no surface may have no result.)
+            // If the input is not a closed surface, the operation may fail.
             if result.is_ok() && is_good {
                 ExactModel::from_bytes(std::fs::read(target).unwrap()).unwrap();
             }
@@ -126,7 +127,7 @@ fn attack(test: &str, is_coloured: bool, share: u64) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(&file) {
         changed(&file, &field, &mut |mut file, what| {
-            // Some of all, so that it does not take long.
+            // A random sample, to limit the run time.
             if random.below(share) == 0 {
                 seal::goblin(&mut file);
                 ask(file, &other, &target, &what);
@@ -167,7 +168,7 @@ fn bytes_at_random() {
                 0 => file[at] = random.next() as u8,
                 1 => file[at] = file[at].wrapping_add(1),
                 2 => file[at] = 0,
-                // A few bytes from elsewhere in it.
+                // A few bytes from another position of the file.
                 _ => {
                     let from = start + random.below(length as u64 - 8) as usize;
                     let to = at.min(start + length - 8);

@@ -1,6 +1,6 @@
-//! Every field of Goblin files, of records one of a few, set to whatever does harm, with right checksums: an error, or an
-//! answer that does no harm.
-//! And files that are cut into as many segments as can be.
+//! Sets every field of Goblin files, and a sample of record fields, to malicious values with valid
+//! checksums: an error or a harmless result is required. Also tests files that are cut into the
+//! maximum number of segments.
 
 use std::time::{Duration, Instant};
 
@@ -18,11 +18,11 @@ use crate::targets::trees::ask_goblin;
 pub(super) struct Field {
     pub(super) name: String,
     pub(super) at: usize,
-    /// Bytes, 1 to 8.
+    /// Size in bytes, 1 to 8.
     pub(super) size: usize,
 }
 
-/// Fields of some sizes, one behind the other.
+/// Returns consecutive fields of some sizes.
 pub(super) fn fields(name: &str, start: usize, sizes: &[usize]) -> Vec<Field> {
     let mut at = start;
     let mut next = |(number, size): (usize, &usize)| {
@@ -32,7 +32,8 @@ pub(super) fn fields(name: &str, start: usize, sizes: &[usize]) -> Vec<Field> {
     sizes.iter().enumerate().map(&mut next).collect()
 }
 
-/// All that a field is set to, with files as they are then: 0, 1, all bits, one more and less, each bit the other way.
+/// Calls `each` with files in which a field has each of its test values: 0, 1, all bits set, one
+/// more, one less, and each single bit flipped.
 pub(super) fn changed(file: &[u8], field: &Field, each: &mut dyn FnMut(Vec<u8>, String)) {
     let Field { name, at, size } = field;
     let mut eight = [0; 8];
@@ -58,11 +59,11 @@ pub(super) fn changed(file: &[u8], field: &Field, each: &mut dyn FnMut(Vec<u8>, 
 pub(super) const HEADER_FIELDS: [usize; 8] = [8, 2, 2, 1, 1, 1, 1, 4];
 /// Sizes of the fields of a tree's header.
 pub(super) const TREE_FIELDS: [usize; 15] = [1, 1, 1, 1, 1, 1, 1, 1, 4, 1, 3, 8, 8, 8, 8];
-/// Sizes of those that follow in the table of layers.
+/// Sizes of the fields that follow it in the layer table.
 pub(super) const LAYER_FIELDS: [usize; 17] = [1, 5, 2, 8, 8, 8, 8, 8, 8, 8, 8, 8, 4, 4, 8, 4, 4];
 
-/// All fields of a Goblin file but for those of the metadata, and the bytes of these; of records, classes and metadata one of every
-/// so many.
+/// Returns all fields of a Goblin file, and single bytes of its metadata. One in `every` is used of
+/// records, classes and metadata.
 fn all_fields(file: &[u8], form: TreeType, every: usize) -> Vec<Field> {
     let mut all = fields("the header", 0, &HEADER_FIELDS);
     let trailer = seal::trailer(file).unwrap();
@@ -106,7 +107,7 @@ fn all_fields(file: &[u8], form: TreeType, every: usize) -> Vec<Field> {
     all
 }
 
-/// Changes the fields of a file, of those of records one of every so many, and asks everything.
+/// Changes the fields of a file, and one in `every` fields of its records, and runs all queries.
 fn attack(file: &[u8], form: TreeType, every: usize) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(file, form, every) {
@@ -122,7 +123,7 @@ fn attack(file: &[u8], form: TreeType, every: usize) {
     assert!(own_peak_memory() < 256 << 20, "{} bytes", own_peak_memory());
 }
 
-/// A file that is cut into as many segments as can be.
+/// Returns a file that is cut into the maximum number of segments.
 fn cut_everywhere(form: TreeType, seed: u64, size: [u64; 3], rule: (Rule, DataKind)) -> Vec<u8> {
     let cells = Cells::random(form, seed, size, 5, true);
     reference::goblin(&cells.tree(rule.0), size, rule, Cut::EVERYWHERE)
@@ -147,7 +148,7 @@ fn fields_of_octrees_and_floats() {
     }
 }
 
-/// Everything that two files say must be the same.
+/// Checks that two files return the same results to all queries.
 fn same_answers(found: &Dataset, expected: &Dataset) {
     let size = expected.header().extent;
     let width = expected.header().form.width();
@@ -190,7 +191,8 @@ fn files_cut_anywhere_say_the_same() {
             let cut = Cut { reach, stride, threshold };
             let file = reference::goblin(&cells.tree(rule.0), size, rule, cut);
             let file = Goblin::from_bytes(file).unwrap_or_else(|error| panic!("{cut:?}: {error}"));
-            // (Verification builds the tree anew by the numbers in the header, and compares all bytes.)
+            // Verification rebuilds the tree with the parameters in the header and compares all
+            // bytes.
             assert_eq!(file.verify(1 << 20, &()).unwrap(), [], "{form} {cut:?}");
             let expected = goblin(&cells, rule.0, rule.1);
             assert_eq!(file.metadata().counts, expected.metadata().counts);

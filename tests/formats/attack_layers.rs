@@ -1,5 +1,5 @@
-//! Files of several layers that somebody has changed who means harm, with right checksums: an error, or an answer that does no harm;
-//! and what the format forbids is found.
+//! Malicious changes, with valid checksums, to files of several layers: an error or a harmless
+//! result is required, and everything that the format forbids is detected.
 
 use std::path::Path;
 use std::sync::LazyLock;
@@ -23,8 +23,8 @@ use crate::targets::seal::{self, END, HEAD, LAYER, RECORDS, SLOTS, TRAILER};
 
 const CONTINUOUS: (Rule, DataKind) = (Rule::Mean, DataKind::Continuous);
 
-/// A file of three layers: one that is cut into so many segments that its directory has pages with copies, classes, and pairs of samples
-/// of which some are missing.
+/// Returns a file of three layers: one with so many segments that its index has pages with copies,
+/// one of classes, and one of sample pairs of which some are missing.
 fn goblin(size: [u64; 3]) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [path, other] = ["cut.goblin", "other.goblin"].map(|name| folder.path().join(name));
@@ -58,7 +58,7 @@ fn autumnal(goblin: &[u8]) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// Fields of a Goblin file, by kinds of them; of records and metadata single bytes.
+/// Returns the fields of a Goblin file, grouped by kind. Records and metadata are single bytes.
 fn parts(file: &[u8], random: &mut Random) -> Vec<Vec<Field>> {
     let trailer = seal::trailer(file).unwrap();
     let mut parts = vec![
@@ -100,7 +100,8 @@ fn parts(file: &[u8], random: &mut Random) -> Vec<Vec<Field>> {
     parts
 }
 
-/// Changes some fields: a bit, by one, to what does harm, to anything, or to what another field has.
+/// Changes some fields: flips a bit, adds or subtracts one, sets an extreme, random or other
+/// field's value.
 fn mutate(file: &mut [u8], parts: &[Vec<Field>], random: &mut Random) {
     for _ in 0..1 + random.below(3) {
         let part = &parts[random.below(parts.len() as u64) as usize];
@@ -123,7 +124,7 @@ fn mutate(file: &mut [u8], parts: &[Vec<Field>], random: &mut Random) {
                 u64::from_le_bytes(eight)
             }
             _ => {
-                // All that stands there changes places.
+                // Swap two ranges.
                 let length = [16, 24, 48, 152][random.below(4) as usize];
                 let (a, b) = (at.min(other.at), at.max(other.at));
                 if b - a >= length && b + length <= file.len() {
@@ -137,14 +138,15 @@ fn mutate(file: &mut [u8], parts: &[Vec<Field>], random: &mut Random) {
     }
 }
 
-/// How many cases there are: so many, or what somebody wants to wait for, and where they begin.
+/// Returns the range of cases to test: `usual` cases, or the count and start set in the
+/// environment.
 fn cases(usual: u64) -> std::ops::Range<u64> {
     let number = |name| std::env::var(name).ok().and_then(|text| text.parse::<u64>().ok());
     let first = number("SPINNEY_ATTACK_FROM").unwrap_or(0);
     first..first + number("SPINNEY_ATTACK_CASES").unwrap_or(usual)
 }
 
-/// Changes files at random, and asks everything.
+/// Applies random changes to a file and runs all queries.
 fn attack(name: &str, file: &[u8], parts: &[Vec<Field>], usual: u64, ask: &dyn Fn(Vec<u8>)) {
     let start = Instant::now();
     ask(file.to_vec());
@@ -191,7 +193,7 @@ fn autumnal_files_changed_at_random() {
     for head in seal::extents(&file) {
         parts.push(fields("a head", head, &[4, 1, 3, 8, 8]));
         let length = seal::long(&file, head + 16) as usize;
-        // (Most of what is in a commit: it is attacked more often.)
+        // Commits have the most structure, so they are attacked more often.
         for _ in 0..if file[head + 4] == 1 { 4 } else { 1 } {
             parts.push(fields("an extent", head + HEAD, &vec![1; length]));
         }
@@ -202,7 +204,7 @@ fn autumnal_files_changed_at_random() {
     });
 }
 
-/// The newest commit, byte by byte.
+/// Changes the newest commit byte by byte.
 #[test]
 fn commits_of_several_layers() {
     if !is_alone("attack_layers::commits_of_several_layers") {
@@ -215,7 +217,7 @@ fn commits_of_several_layers() {
     let mut random = Random(8);
     for field in fields("a commit", head + HEAD, &vec![1; length]) {
         changed(&file, &field, &mut |mut file, what| {
-            // (All of them take minutes.)
+            // All of them would take minutes.
             if random.below(12) == 0 {
                 println!("{what}");
                 let case = Instant::now();
@@ -228,7 +230,7 @@ fn commits_of_several_layers() {
     assert!(own_peak_memory() < 512 << 20, "{} bytes", own_peak_memory());
 }
 
-/// Whether somebody notices: opening fails, or verification finds something.
+/// Returns whether a change is detected: opening fails, or verification reports a finding.
 fn is_noticed(file: Vec<u8>) -> bool {
     Goblin::from_bytes(file)
         .and_then(|file| file.verify(1 << 20, &()))
@@ -246,18 +248,19 @@ fn what_the_format_forbids_is_found() {
         seal::goblin(&mut file);
         assert!(is_noticed(file), "nobody noticed {what}");
     };
-    // All of a layer in the table but types, rules, extents, which are its own matter, and what is not looked at.
+    // All layer fields in the table, except types, rules, extents (independent per layer) and
+    // fields that readers ignore.
     for layer in &layers {
         let width = [1, 1, 4][layers.iter().position(|other| other == layer).unwrap()];
         for at in (4..12).chain(48..49).chain(54..56 + width).chain(72..LAYER) {
-            // (Checksums are made right. The threshold need not matter for few nodes.)
+            // Checksums are recomputed. The threshold may have no effect on few nodes.
             if !(132..136).contains(&at) && !(148..152).contains(&at) && !(8..12).contains(&at) {
                 let flip = |file: &mut Vec<u8>| file[layer + at] ^= 1 << (at % 3);
                 notice(&format!("byte {at} of a layer"), &flip);
             }
         }
     }
-    // Pages of the directory: heads, copies, own entries.
+    // Pages of the segment index: heads, copies, own entries.
     let size = seal::entry_size(&file, layers[0]);
     let pages = seal::pages(&file, layers[0]);
     let page = pages[1].1.clone();
@@ -274,13 +277,14 @@ fn what_the_format_forbids_is_found() {
     for at in 0..20 {
         notice(&format!("byte {at} of the index"), &|file| file[pages[1].0 + at] ^= 1);
     }
-    // Copies that are in another order, or of other entries.
+    // Copies in another order, or of other entries.
     notice("copies in another order", &|file| {
         let (numbers, entries) = (page.start + 8, page.start + 8 + 8 * copies);
         file[numbers..numbers + 16].rotate_left(8);
         file[entries..entries + 2 * size].rotate_left(size);
     });
-    // Runs, tops and metadata of other layers, also of none that has been read.
+    // Runs, tops and metadata that belong to other layers, including layers that have not been
+    // read.
     for [a, b] in [[0, 1], [1, 2], [2, 0]] {
         let [a, b] = [layers[a], layers[b]];
         for (what, part) in [("runs", 88..120), ("tops", 120..136), ("metadata", 136..152)] {
@@ -294,7 +298,7 @@ fn what_the_format_forbids_is_found() {
             file[b + 88..b + 104].copy_from_slice(&run);
         });
     }
-    // Names: none, one twice, one that is no text.
+    // Names: empty, duplicate, or not UTF-8.
     let names = layers[2] + LAYER;
     notice("a name twice", &|file| {
         file[layers[1] + 54] = 5;
@@ -306,7 +310,7 @@ fn what_the_format_forbids_is_found() {
     notice("a layer deeper than the file", &|file| file[14] -= 1);
 }
 
-/// A picture that is smaller than what lies in it.
+/// An extent that is smaller than its cells.
 #[test]
 fn cells_outside_of_the_picture_are_found() {
     let good = goblin([60, 52, 1]);
@@ -328,7 +332,7 @@ fn cells_outside_of_the_picture_are_found() {
     }
     let good = autumnal(&goblin([17, 9, 1]));
     assert_eq!(findings("t.autumn", &good), []);
-    // The first layer's header in the newest commit, which has the layer's size in it.
+    // The first layer's header in the newest commit contains the layer's size.
     let head = *seal::extents(&good).last().unwrap();
     let size = [17u64, 9, 1].map(u64::to_le_bytes).concat();
     let at = head + good[head..].windows(24).position(|bytes| bytes == size).unwrap();
@@ -341,14 +345,14 @@ fn cells_outside_of_the_picture_are_found() {
     }
 }
 
-/// A file whose index has two levels.
+/// A file whose segment index has two levels.
 static DEEP: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let size = [700, 690, 1];
     let cells = made(QUAD, size, |[x, y, _]| Some(byte(((x * 7 + y * 31 + x * y % 11) % 249) as u8)));
     reference::goblin(&cells.tree(Rule::Mean), size, CONTINUOUS, Cut::EVERYWHERE)
 });
 
-/// Indexes of two levels that lie: an error or the right answer.
+/// Two-level indexes with false entries: an error or the right result.
 #[test]
 fn indexes_of_several_levels() {
     if !is_alone("attack_layers::indexes_of_several_levels") {
@@ -374,7 +378,7 @@ fn indexes_of_several_levels() {
         let level = &levels[random.below(2) as usize];
         let [a, b] = [0, 1].map(|_| level[random.below(level.len() as u64) as usize].0);
         match random.below(3) {
-            // An entry is that of another page, two change places, or a byte is another one.
+            // Copy an entry from another page, swap two entries, or change a byte.
             0 => file.copy_within(a..a + 24, b),
             1 => {
                 let entry: Vec<u8> = file[a..a + 24].to_vec();
@@ -392,7 +396,7 @@ fn indexes_of_several_levels() {
                 Err(_) => refused += 1,
             }
         }
-        // (It takes seconds.)
+        // Verification takes seconds.
         if is_changed && case % 30 == 0 {
             assert_ne!(file.verify(1 << 24, &()).unwrap(), [], "case {case}");
         }
@@ -401,7 +405,7 @@ fn indexes_of_several_levels() {
     assert!(own_peak_memory() < 1 << 30, "{} bytes", own_peak_memory());
 }
 
-/// What is in the corpus for fuzzing is made of these files, and good.
+/// The stacks in the fuzzing corpus are made from these files, and are valid.
 #[test]
 fn stacks_of_the_fixtures() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1");

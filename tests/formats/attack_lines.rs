@@ -1,4 +1,5 @@
-//! Every byte of a file of lines, set to whatever does harm, with right checksums: an error, or an answer that does no harm.
+//! Sets every byte of a line file to malicious values with valid checksums: an error or a harmless
+//! result is required.
 
 use std::time::{Duration, Instant};
 
@@ -44,7 +45,7 @@ fn bytes_that_do_harm() {
             ask(bytes, format!("byte {at} is {wrong:#x}"));
         }
     }
-    // Behind the blocks there are numbers of several bytes: lengths, counts, offsets.
+    // After the blocks there are multi-byte numbers: lengths, counts, offsets.
     for at in (lists.next_multiple_of(4)..file.len() - END - 3).step_by(4) {
         let field = Field { name: "the file".into(), at, size: 4 };
         changed(&file, &field, &mut |bytes, what| ask(bytes, what));

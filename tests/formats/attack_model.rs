@@ -1,5 +1,6 @@
-//! Fields of exact models' files set to whatever does harm, with right checksums, all of small files and some of larger ones: an error,
-//! or an answer that does no harm. And faces, grids and lists that no builder writes.
+//! Sets fields of exact model files to malicious values with valid checksums: all fields of small
+//! files, and a sample in larger ones. An error or a harmless result is required. Also tests faces,
+//! grids and lists that no builder writes.
 
 use std::time::{Duration, Instant};
 
@@ -15,12 +16,13 @@ use crate::common::exact::{built, cuboid, prism, push, turned};
 use crate::targets::models::{ask_model, questions};
 use crate::targets::seal::{self, END, SECTION, TRAILER};
 
-/// A grid of 2^bits steps of 1.
+/// Returns a grid of 2^bits steps of 1.
 fn grid(bits: u8) -> Grid {
     Grid { bits, origin: [0; 3], step: 1.0, divisor: 1.0 }
 }
 
-/// The file of a tetrahedron on a grid of so many bits, as section 33 of `formats.md` has it for one.
+/// Returns the file of a tetrahedron on a grid of `bits` bits; section 33 of `formats.md` has one
+/// such file.
 pub(crate) fn tetrahedron(bits: u8) -> Vec<u8> {
     let at = (1 << bits) - 1;
     let [o, x, y, z] = [[0; 3], [at, 0, 0], [0, at, 0], [0, 0, at]];
@@ -31,7 +33,7 @@ pub(crate) fn tetrahedron(bits: u8) -> Vec<u8> {
     built(&list, 1 << 20, 0).0.unwrap()
 }
 
-/// A file of two parts with colours, a hole through and a cavity.
+/// Returns a file of two parts with colours, a through hole and a cavity.
 pub(crate) fn house(bits: u8) -> Vec<u8> {
     let square = |low: i32, high: i32| vec![[low, low], [high, low], [high, high], [low, high]];
     let hole: Vec<[i32; 2]> = square(4, 6).into_iter().rev().collect();
@@ -61,8 +63,8 @@ pub(crate) fn house(bits: u8) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// All fields of a file that are there once; and of those of its pieces, their entries, and the bytes of its metadata, all or one of
-/// every so many.
+/// Returns all fields of the file itself, and all or one in `every` fields of its blocks, segments
+/// and entries, and bytes of its metadata.
 fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
     let mut pieces = Vec::new();
     let mut all = fields("the header", 0, &HEADER_FIELDS);
@@ -86,7 +88,8 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
                     let (from, bytes) =
                         (seal::long(file, entry + 8) as usize, seal::short(file, entry + 16) as usize);
                     if is_packed {
-                        // The first byte, and of packed pieces checksum, length, states and some words.
+                        // The first byte; of packed blocks the checksum, length, states and some
+                        // words.
                         let most = (bytes - 1) / 4;
                         let sizes = [&[1, 4, 4][..], &[8, 8], &[4; 8]].concat();
                         pieces.extend(fields(
@@ -101,7 +104,7 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
                         pieces.extend(fields("a piece of a table", from, &sizes));
                         continue;
                     }
-                    // Numbers of four bytes, then leaves or corners.
+                    // Numbers of four bytes, then leaves or vertices.
                     let words = match &file[at..at + 4] {
                         b"DIRE" => (0..3).map(|count| seal::short(file, from + 4 * count)).sum::<u32>() + 4,
                         _ => 5 + 3 * seal::short(file, from + 4),
@@ -117,7 +120,7 @@ fn all_fields(file: &[u8], every: usize) -> Vec<Field> {
     all
 }
 
-/// Changes fields of a file, of those of its pieces each or one of every so many, and asks everything.
+/// Changes fields of a file, one in `every` of those of blocks and segments, and runs all queries.
 fn attack(file: &[u8], every: usize) {
     let (mut cases, start) = (0u64, Instant::now());
     for field in all_fields(file, every) {
@@ -144,7 +147,7 @@ fn fields_of_small_models() {
 #[test]
 fn fields_of_models_with_holes_and_parts() {
     if is_alone("attack_model::fields_of_models_with_holes_and_parts") {
-        // (Each kind of field is there many times.)
+        // Fields of each kind occur many times.
         attack(&house(4), 15);
     }
 }
@@ -152,12 +155,13 @@ fn fields_of_models_with_holes_and_parts() {
 #[test]
 fn fields_of_packed_models() {
     if is_alone("attack_model::fields_of_packed_models") {
-        // (Bytes of packed pieces mean little one by one.)
+        // Single bytes of packed blocks carry little meaning.
         attack(include_bytes!("../../fixtures/v1/crossing_packed.goblin"), 23);
     }
 }
 
-/// Files with a segment for every INNER node say what the builder's say, on the finest grid too.
+/// Files with a segment for every INNER node return the same results as the builder's, also on the
+/// finest grid.
 #[test]
 fn files_cut_everywhere_say_the_same() {
     for file in [house(4), tetrahedron(26), tetrahedron(5)] {
@@ -179,7 +183,8 @@ fn files_cut_everywhere_say_the_same() {
     }
 }
 
-/// A model whose root is a leaf with some faces, by a rule; corners of rings are in one block.
+/// Returns a model whose root is a leaf with some faces. The vertices of all rings are in one
+/// block.
 pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> BrepFile {
     let mut file = BrepFile::of(&tetrahedron(bits));
     let rings: Vec<&Vec<[i32; 3]>> = faces.iter().flatten().collect();
@@ -216,7 +221,8 @@ pub(crate) fn one_leaf(bits: u8, faces: &[Vec<Vec<[i32; 3]>>], head: u8) -> Brep
 
 pub(crate) const CROSSINGS: u8 = 3 | 2 << 2;
 
-/// Faces that no builder takes: bent, folded, crossing themselves and each other, on the finest grid.
+/// Faces that no builder accepts: not planar, folded, self-intersecting or intersecting, on the
+/// finest grid.
 #[test]
 fn faces_that_are_none() {
     if !is_alone("attack_model::faces_that_are_none") {
@@ -232,7 +238,7 @@ fn faces_that_are_none() {
             for _ in 0..1 + random.below(3) {
                 let mut ring = Vec::new();
                 for _ in 0..3 + random.below(6) {
-                    // Often at the limits, and often the same.
+                    // Coordinates are often at the limits, and often equal.
                     let mut at = || match random.below(4) {
                         0 => 0,
                         1 => most as i32,
@@ -253,7 +259,8 @@ fn faces_that_are_none() {
     }
 }
 
-/// A ring that goes round the whole grid a thousand times: twice its area has more than 64 bits.
+/// A ring that traverses the whole grid's border a thousand times: twice its area needs more than
+/// 64 bits.
 #[test]
 fn rings_of_many_turns() {
     let most = (1 << 26) - 1;
@@ -265,12 +272,12 @@ fn rings_of_many_turns() {
         let model = ExactModel::from_bytes(file).unwrap();
         assert!(model.verify(1 << 20, &()).unwrap()[0].problem.contains("more than eight turns"));
         assert!(MassProperties::of(&model, &()).unwrap().area > 0.0);
-        // (What is no body may have no section.)
+        // A section of a non-solid may fail.
         let _ = questions(&model);
     }
 }
 
-/// Steps and origins at the limits of what a grid may be.
+/// Grid steps and origins at the limits of the format.
 #[test]
 fn grids_at_the_limits() {
     let far = 1i64 << 53;
@@ -297,19 +304,19 @@ fn grids_at_the_limits() {
     }
 }
 
-/// A few bytes of a file must not stand for many faces and nodes.
+/// A few bytes of a file must not represent many faces and nodes.
 #[test]
 fn pieces_are_there_once() {
     let file = BrepFile::of(&tetrahedron(1));
     let faces = |file: &mut BrepFile, count: u64| file.model[48..56].copy_from_slice(&count.to_le_bytes());
-    // Twice is fine if it is there twice.
+    // Two copies in the file are valid.
     let mut twice = file.clone();
     faces(&mut twice, 8);
     twice.blocks.push((4, file.blocks[0].1.clone()));
     let model = ExactModel::from_bytes(twice.bytes()).unwrap();
     assert_eq!(model.len(), 8);
     assert!(model.verify(1 << 20, &()).unwrap()[0].problem.contains("a leaf without face"));
-    // The second entry with the place of the first.
+    // The second entry gets the first one's offset.
     let mut bytes = twice.bytes();
     let trailer = seal::trailer(&bytes).unwrap();
     let list = seal::long(&bytes, trailer + TRAILER + 8) as usize;
@@ -321,14 +328,15 @@ fn pieces_are_there_once() {
     seal::goblin(&mut folded);
     let error = ExactModel::from_bytes(folded).err().unwrap().to_string();
     assert!(error.contains("lists: ") && error.contains("before the lists"), "{error}");
-    // Keys the wrong way round.
+    // Keys in descending order.
     bytes[list..list + 48].rotate_left(24);
     seal::goblin(&mut bytes);
     let error = ExactModel::from_bytes(bytes).err().unwrap().to_string();
     assert!(error.contains("keys that ascend"), "{error}");
 }
 
-/// A segment must not have one face under two numbers: a leaf could have it as often as it has bytes.
+/// A segment must not list a face under two numbers: a leaf could then hold it as often as it has
+/// bytes.
 #[test]
 fn faces_of_a_segment_are_there_once() {
     let ring = vec![[0, 0, 0], [1, 0, 0], [0, 1, 0]];

@@ -1,4 +1,5 @@
-//! Autumnal files against Goblin files and the tree in memory: building, reading, conversion, sharing.
+//! Autumnal files against Goblin files and the tree in memory: building, reading, conversion,
+//! sharing.
 
 use std::path::Path;
 
@@ -17,12 +18,12 @@ use crate::common::{
     same_trees, value_types,
 };
 
-/// Makes a file of cells, by way of slabs.
+/// Writes cells to a file, as slabs.
 fn write_cells(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), share: bool) {
     common::write_cells(path, cells, &options(rule, kind, cells.depth()).share(share));
 }
 
-/// Makes a file of a tree.
+/// Writes a tree to a file.
 fn write_tree(path: &Path, tree: &MemTree, extent: [u64; 3], (rule, kind): (Rule, DataKind), share: bool) {
     let options = options(rule, kind, tree.depth()).share(share);
     build_tree(tree, extent, &options, Output::create(path).unwrap(), &()).unwrap();
@@ -32,8 +33,8 @@ fn open(path: &Path) -> Autumnal {
     Autumnal::open(path, &OpenOptions::new()).unwrap()
 }
 
-/// INNER nodes that have records of their own: the root, and those of certain heights. Files that store equal subtrees once
-/// have smaller records.
+/// Counts the INNER nodes that have records of their own: the root, and nodes of certain heights.
+/// Files that store equal subtrees once have smaller records.
 fn nodes_with_records(tree: &MemTree, share: bool) -> u64 {
     let depth = tree.depth();
     let first = match tree.form().dimension {
@@ -72,7 +73,7 @@ fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
         let written = autumnal.commit().written;
         assert_eq!(written.records + written.shared, nodes_with_records(&tree, share));
         assert!(share || written.shared == 0);
-        // Back to the same bytes.
+        // Converting back gives the same bytes.
         let back = file("back.goblin");
         convert(&path, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
         assert!(std::fs::read(&back).unwrap() == published, "{form} {rule} {kind} {size:?}");
@@ -87,7 +88,7 @@ fn assert_good(path: &Path) {
     assert_eq!(tree.verify(1 << 24, &()).unwrap(), []);
 }
 
-/// Asks both files the same questions.
+/// Runs the same queries on both files and compares the results.
 fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     let mut random = Random(seed + 1);
     let (a, b) = (dataset::open(a, options).unwrap(), dataset::open(b, options).unwrap());
@@ -142,7 +143,7 @@ fn answers_agree(a: &Path, b: &Path, options: &OpenOptions, seed: u64) {
     let found = [a, b].map(|tree| {
         let mut found = Vec::new();
         tree.find(Condition::Above(2.0.into()), None, &(), &mut |block| {
-            // (Which blocks have a zone, which tells no value, is a matter of the format.)
+            // The formats differ in which blocks have a zone that does not determine a value.
             found.push((block.code, block.bounds));
             Ok(true)
         })
@@ -200,7 +201,7 @@ fn octrees_come_back() {
     round_trip(oct(SampleType::F32, 3), 3, [65, 20, 70], Rule::Mean, DataKind::Continuous);
 }
 
-/// Which records, kernels and rules a file needs is decided at run time: none may be missed.
+/// Each file selects its records, kernels and rules at run time: every combination must be covered.
 #[test]
 fn every_type_comes_back_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
@@ -238,7 +239,7 @@ fn the_table_of_the_literature() {
         [10, -1, -2, -1, -1, 1],
     ];
     assert_eq!(rows, expected);
-    // The survey's count: a point needs 2.125 records on average, at most 3.
+    // The survey's count: a point query needs 2.125 records on average, at most 3.
     let reads = |cell: u32| {
         let code = Code::from_cell(Dimension::Quad, 3, [cell % 8, cell / 8, 0]).unwrap();
         let mut place = picture.root().unwrap();
@@ -270,7 +271,7 @@ fn the_bytes_do_not_depend_on_threads() {
     assert!(files[1..].iter().all(|file| *file == files[0]));
 }
 
-/// Far more different subtrees than little memory holds, each of them twice.
+/// The file has many more distinct subtrees than fit in the memory limit, each twice.
 #[test]
 fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
     let folder = tempfile::tempdir().unwrap();
@@ -286,7 +287,7 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
         std::fs::read(path).unwrap()
     });
     assert!(files[0] == files[1]);
-    // Copies are of one file: they say of what they are copies.
+    // Copies depend on the source file: they record its identity.
     let source = folder.path().join(format!("{}.autumn", 1 << 20));
     let copies = [1 << 20, 1 << 28].map(|memory| {
         let copy = folder.path().join(format!("copy-{memory}.autumn"));
@@ -299,7 +300,7 @@ fn which_subtrees_are_shared_does_not_depend_on_the_memory() {
 #[test]
 fn equal_subtrees_are_stored_once() {
     let folder = tempfile::tempdir().unwrap();
-    // A picture of 64 equal parts.
+    // An image of 64 equal tiles.
     let part = Cells::random(QUAD, 1, [64, 64, 1], 4, false);
     let tiled = made(QUAD, [512, 512, 1], |[x, y, _]| part.get([x % 64, y % 64, 0]));
     let records = [false, true].map(|share| {
@@ -310,12 +311,13 @@ fn equal_subtrees_are_stored_once() {
         assert_eq!(written.records + written.shared, nodes_with_records(&tiled.tree(Rule::Majority), share));
         (written.records, written.bytes)
     });
-    // The records of 4 x 4 and 16 x 16 cells of one part at most, one each of 64 x 64 and 256 x 256, and the root's.
+    // At most the records of 4 x 4 and 16 x 16 cells of one tile, one each of 64 x 64 and 256 x
+    // 256, and the root's.
     assert_eq!(records[0].0, 256 + 16 + 1, "{records:?}");
     assert!(records[1].0 <= 256 + 16 + 1 + 1 + 1, "{records:?}");
-    // (With pages and heads.)
+    // Including pages and heads.
     assert!(records[1].1 < records[0].1 / 16, "{records:?}");
-    // What is equal may be small: a sign at places that have nothing to do with each other.
+    // Equal subtrees may be small: a symbol repeated at unrelated positions.
     let mut random = Random(5);
     let mut signs = vec![false; 128 * 128];
     (0..2000).for_each(|_| signs[random.below(128 * 128) as usize] = true);

@@ -1,4 +1,4 @@
-//! What a crash at any instant leaves of an Autumnal file: the last commit, or the one before.
+//! After a crash at any time, an Autumnal file holds the last commit or the one before.
 
 use spinney::edit::{Edit, Editor, Note};
 use spinney::raw::ops::apply_edits;
@@ -12,7 +12,7 @@ use crate::targets::disk::{Disk, Event, put};
 const SIZE: [u64; 3] = [70, 90, 1];
 const SECTOR: usize = 512;
 
-/// The bytes of a new file of cells.
+/// Returns the bytes of a new file of cells.
 fn start(cells: &Cells) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -21,7 +21,7 @@ fn start(cells: &Cells) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// Changes some cells, and commits.
+/// Changes some cells and commits.
 fn change(editor: &mut Editor, random: &mut Random, cells: &mut Cells) -> spinney::Result<()> {
     let list: Vec<_> = (0..1 + random.below(40))
         .map(|_| ([random.below(SIZE[0]), random.below(SIZE[1]), 0], random.below(200) as u8 + 1))
@@ -34,7 +34,8 @@ fn change(editor: &mut Editor, random: &mut Random, cells: &mut Cells) -> spinne
     editor.commit(Note::default()).map(|_| ())
 }
 
-/// The number of the commit that is found in some bytes, after checking that all of it is as it was made.
+/// Returns the number of the commit found in some bytes, after checking that all its cells are as
+/// committed.
 fn found(bytes: Vec<u8>, commits: &[Cells]) -> usize {
     let file = Autumnal::from_bytes(bytes).unwrap();
     let number = file.commit().number as usize;
@@ -50,7 +51,7 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
     let disk = Disk::new(begin.clone());
     let mut commits = vec![cells.clone()];
     let mut editor = disk.editor().unwrap();
-    // How many commits there are after so many events.
+    // Number of events after each commit.
     let mut ends = Vec::new();
     for _ in 0..6 {
         change(&mut editor, &mut random, &mut cells).unwrap();
@@ -58,7 +59,7 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
         ends.push(disk.state().events.len());
     }
     let events = disk.state().events.clone();
-    // What is durable, and what may or may not be.
+    // Durable bytes, and pending writes that may or may not be durable.
     let mut durable = begin;
     let mut pending: Vec<(u64, Vec<u8>)> = Vec::new();
     let mut images = 0;
@@ -69,11 +70,11 @@ fn every_crash_leaves_the_last_commit_or_the_one_before() {
                 pending.drain(..).for_each(|(offset, bytes)| put(&mut durable, offset, &bytes));
             }
         }
-        // Commits that were reported as durable, and those that were begun.
+        // Commits reported as durable, and commits begun.
         let done = 1 + ends.iter().filter(|end| **end <= i + 1).count();
         for attempt in 0..40 {
             let mut image = durable.clone();
-            // Some of the sectors that wait have arrived, in any order: none, all, or at random.
+            // Any subset of the pending sectors has arrived: none, all, or a random one.
             let mut sectors: Vec<(u64, &[u8])> = pending
                 .iter()
                 .flat_map(|(offset, bytes)| {
@@ -115,7 +116,7 @@ fn after_a_failure_nothing_more_is_written() {
                 let changed = change(&mut editor, &mut random, &mut cells);
                 commits.push(cells.clone());
                 if let Err(error) = changed {
-                    // The disk is well again, but nobody knows what is on it.
+                    // The disk works again, but its contents are unknown.
                     disk.state().good = usize::MAX;
                     let events = disk.state().events.len();
                     assert!(change(&mut editor, &mut random, &mut cells).is_err());
@@ -131,7 +132,7 @@ fn after_a_failure_nothing_more_is_written() {
         let bytes = disk.state().bytes.clone();
         let number = found(bytes, &commits);
         assert!(number + 1 >= commits.len(), "commit {number} of {}", commits.len());
-        // The next editor goes on from there.
+        // The next editor continues from that state.
         let mut next = disk.editor().unwrap();
         let mut cells = commits[number - 1].clone();
         change(&mut next, &mut random, &mut cells).unwrap();

@@ -1,5 +1,5 @@
-//! Damage to the newest commit of an Autumnal file, and files that are moved or appear while somebody writes: nothing is
-//! rolled back or lost without a word.
+//! Corruption of an Autumnal file's newest commit, and files that are moved or appear during a
+//! write: nothing is rolled back or lost without a report.
 
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -12,16 +12,16 @@ use tempfile::TempDir;
 
 use super::crafted::head;
 
-/// Offset of the slots, and bytes of one.
+/// Offset of the meta slots, and their size in bytes.
 const SLOTS: [usize; 2] = [4096, 8192];
 const SLOT: usize = 40;
 
-/// A corner of the classic picture gets a value.
+/// Returns an edit that fills a corner of the classic image with a value.
 fn fill(value: f64) -> Edit {
     Edit::Fill(FillRegion::Box(Bounds { min: [1, 1, 0], max: [4, 6, 1] }), Some(vec![value.into()]))
 }
 
-/// A file with so many commits.
+/// Returns a file with `commits` commits.
 fn file(commits: u64) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -46,7 +46,7 @@ fn numbers(path: &Path) -> Vec<Option<u64>> {
     history.commits().map(|commit| commit.ok().map(|commit| commit.number)).collect()
 }
 
-/// Where the newest commit's extent starts, and where it ends.
+/// Returns the start and end of the newest commit's extent.
 fn newest(bytes: &[u8]) -> (usize, usize) {
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
     let slot = SLOTS.into_iter().max_by_key(|slot| number(slot + 8)).unwrap();
@@ -74,7 +74,7 @@ fn every_bit_of_every_slot_is_told_or_harmless() {
                 assert!(findings[0].place.contains("meta slot"), "{findings:?}");
             }
         }
-        // Those of the newest slot.
+        // Only changes to the newest slot.
         assert_eq!(mended, if commits == 1 { 0 } else { 8 * SLOT as u32 });
     }
 }
@@ -93,7 +93,7 @@ fn every_truncation_is_told() {
     std::fs::write(&path, &bytes[..end - 1]).unwrap();
     let error = open(&path).err().unwrap().to_string();
     assert!(error.contains("cut short") && error.contains("spinney recover"), "{error}");
-    // Older commits are there, and nobody writes over anything.
+    // Older commits are readable, and no editor overwrites anything.
     assert_eq!(numbers(&path), [Some(2), Some(1), None]);
     assert!(History::open(&path, &OpenOptions::new()).unwrap().check_newest().is_err());
     let older = PathBuf::from(format!("{}@2", path.display()));
@@ -102,7 +102,7 @@ fn every_truncation_is_told() {
     assert_eq!(std::fs::read(&path).unwrap(), &bytes[..end - 1]);
 }
 
-/// The files that somebody was warned of.
+/// The files that warnings were issued for.
 #[derive(Default)]
 struct Told(Mutex<Vec<PathBuf>>);
 
@@ -164,7 +164,7 @@ fn a_torn_slot_does_not_bring_back_what_never_was_whole() {
     let (_folder, path) = file(3);
     let mut bytes = std::fs::read(&path).unwrap();
     let (commit, _) = newest(&bytes);
-    // The slot and the commit: two damages.
+    // Two corruptions: the slot and the commit.
     bytes[SLOTS[0] + 8] ^= 64;
     bytes[commit - 512 + 33] ^= 1;
     assert!(Autumnal::from_bytes(bytes.clone()).is_err());
@@ -174,8 +174,8 @@ fn a_torn_slot_does_not_bring_back_what_never_was_whole() {
 fn what_an_edit_that_was_given_up_has_left_is_passed_over() {
     let (_folder, path) = file(2);
     let mut bytes = std::fs::read(&path).unwrap();
-    // Behind the first commit's end is room up to the next page: the head of an extent stands there whose bytes were written
-    // over by the second commit.
+    // The space between the first commit's end and the next page contains the head of an extent
+    // whose bytes the second commit overwrote.
     let number = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap()) as usize;
     let (start, end) = (number(SLOTS[0] + 24), bytes.len());
     assert!(!start.is_multiple_of(4096) && start.next_multiple_of(4096) < number(SLOTS[1] + 16));
@@ -189,7 +189,7 @@ fn what_an_edit_that_was_given_up_has_left_is_passed_over() {
     assert_eq!(open(&path).unwrap().verify(1 << 20, &()).unwrap(), []);
 }
 
-/// Somebody who does something while others work.
+/// Runs an action while an operation is in progress.
 struct Meanwhile<F: FnOnce() + Send>(Mutex<Cell<Option<F>>>);
 
 impl<F: FnOnce() + Send> Meanwhile<F> {
@@ -252,7 +252,7 @@ fn a_commit_in_a_file_that_was_moved_fails_and_says_where_it_is() {
     }
     assert!(editor.commit(Note::default()).is_err());
     assert_eq!(numbers(&path), [Some(1)]);
-    // Moved: it has another one.
+    // Moved: the file has another name.
     let mut editor = begun(&path);
     std::fs::rename(&path, &elsewhere).unwrap();
     let error = editor.commit(Note::default()).unwrap_err();
@@ -260,7 +260,7 @@ fn a_commit_in_a_file_that_was_moved_fails_and_says_where_it_is() {
     assert_eq!(numbers(&elsewhere), [Some(1)]);
 }
 
-/// Changes a byte of the extent that starts at an offset, and makes its checksums right again.
+/// Changes a byte of the extent at an offset and recomputes its checksums.
 fn reseal(bytes: &mut [u8], start: usize, at: usize) {
     let length = u64::from_le_bytes(bytes[start + 16..start + 24].try_into().unwrap()) as usize;
     bytes[start + 32 + at] ^= 1;
@@ -275,14 +275,14 @@ fn verification_looks_at_the_trees_of_all_commits() {
     let (_folder, path) = file(3);
     let bytes = std::fs::read(&path).unwrap();
     let mut only_older = 0;
-    // The records of the first commit, some of which the newest one has as well.
+    // The records of the first commit, some of which the newest commit shares.
     for at in 0..81 {
         let mut bytes = bytes.clone();
         reseal(&mut bytes, 3 * 4096, at);
         let Ok(tree) = Autumnal::from_bytes(bytes) else { continue };
         let quick = tree.verify_quickly(1 << 20, &()).unwrap();
         let all = tree.verify(1 << 20, &()).unwrap();
-        // (Some leaves can have any value.)
+        // Some leaves may have any value.
         if quick.is_empty() && !all.is_empty() {
             assert!(all[0].place.contains("commit 1") || all[0].place.contains("commit 2"), "{all:?}");
             only_older += 1;

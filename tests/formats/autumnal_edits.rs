@@ -1,4 +1,4 @@
-//! Edits of Autumnal files against an array of cells that is edited the slow way; history; many openers.
+//! Autumnal edits against brute-force edits of a cell array; history; concurrent openers.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn open(path: &Path) -> Autumnal {
     Autumnal::open(path, &OpenOptions::new()).unwrap()
 }
 
-/// A file of cells.
+/// Writes cells to a file.
 pub(super) fn write(path: &Path, cells: &Cells, (rule, kind): (Rule, DataKind), share: bool) {
     let goblin = path.with_extension("first.goblin");
     std::fs::write(&goblin, goblin_bytes(cells, rule, kind)).unwrap();
@@ -40,7 +40,7 @@ fn note(message: impl Into<String>) -> Note {
     Note { time: Some(1), author: "test".into(), message: message.into() }
 }
 
-/// Some edit, already done to the cells; other trees go to the folder.
+/// Returns a random edit, after applying it to the cells. Files of other trees go to `folder`.
 pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells) -> Edit {
     let (form, extent) = (cells.form, cells.size);
     let value = |random: &mut Random| {
@@ -127,7 +127,7 @@ pub(super) fn random_edit(random: &mut Random, folder: &Path, cells: &mut Cells)
     }
 }
 
-/// Whether a cell's centre is in a ring, the slow way.
+/// Returns whether a cell's centre is in a ring, by brute force.
 fn is_in(ring: &[[f64; 2]], cell: [u64; 3]) -> bool {
     let [x, y] = [cell[0] as f64 + 0.5, cell[1] as f64 + 0.5];
     let mut inside = false;
@@ -149,7 +149,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     let mut before = vec![cells.clone()];
     let mut reader = open(&path);
     for _ in 0..12 {
-        // Every commit by another editor, with one edit or several.
+        // Each commit is made by a new editor, with one or several edits.
         let edits: Vec<_> = (0..1 + random.below(3))
             .map(|_| Ok(random_edit(&mut random, folder.path(), &mut cells)))
             .collect();
@@ -163,7 +163,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
             Some(commit) => {
                 assert_eq!(commit.number, before.len() as u64 + 1);
                 before.push(cells.clone());
-                // The reader stays where it was until it is told.
+                // The reader stays at its commit until it is refreshed.
                 assert_eq!(reader.commit().number + 1, commit.number);
                 assert!(reader.refresh().unwrap());
             }
@@ -177,13 +177,13 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
         std::fs::write(&built, goblin_bytes(&cells, rule, kind)).unwrap();
         assert!(std::fs::read(&published).unwrap() == std::fs::read(&built).unwrap());
     }
-    // Every commit is as it was.
+    // Every commit is unchanged.
     for (i, cells) in before.iter().enumerate() {
         let file = open(format!("{}@{}", path.display(), i + 1).as_ref());
         assert_same(&cells_of(&file, size), cells, "an old commit");
         assert_good(format!("{}@{}", path.display(), i + 1).as_ref());
     }
-    // Some of them in a new file, in which they take less room.
+    // Compacting some commits into a new file makes it smaller.
     let last = before.len() as u64;
     let kept: Vec<u64> = (1..=last).filter(|_| random.below(2) == 0).chain([last]).collect();
     let small = folder.path().join("small.autumn");
@@ -203,7 +203,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
         assert_same(&cells_of(&file, size), &before[number as usize - 1], "a commit after compaction");
         assert_good(format!("{}@{number}", small.display()).as_ref());
     }
-    // What two commits differ in.
+    // Differences between two commits.
     let (a, b) = (random.below(last) as usize, random.below(last) as usize);
     let name = |i: usize| format!("{}@{}", path.display(), i + 1);
     let mut cells_in_runs = 0;
@@ -231,7 +231,7 @@ fn script(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind,
     let found = found.differences;
     assert_eq!((found.added, found.removed, found.changed), (added, removed, changed));
     assert_eq!(cells_in_runs, added + removed + changed);
-    // And back.
+    // Revert.
     edit(&path, [Ok(Edit::Revert(1))], note("back"), MEMORY, &()).unwrap();
     assert_same(&cells_of(&open(&path), size), &before[0], "reverted");
 }
@@ -261,10 +261,10 @@ fn an_edit_writes_what_changes_and_the_path_to_it() {
     let before = std::fs::metadata(&path).unwrap().len();
     let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0.into()]))]);
     let commit = edit(&path, [Ok(set)], note("one cell"), MEMORY, &()).unwrap().unwrap();
-    // At most a record for each level of 1024 cells.
+    // At most one record for each level of 1024 cells.
     assert!((1..=10).contains(&commit.written.records), "{:?}", commit.written);
     assert!(std::fs::metadata(&path).unwrap().len() <= before + 2 * 4096 + 2048);
-    // The same again changes nothing, and commits nothing.
+    // Repeating the edit changes nothing and makes no commit.
     let set = Edit::Set(vec![([500, 700, 0], Some(vec![77.0.into()]))]);
     assert!(edit(&path, [Ok(set)], note("again"), MEMORY, &()).unwrap().is_none());
 }
@@ -278,7 +278,7 @@ fn there_is_one_editor_and_it_is_named() {
     let refused = Editor::open(&path, MEMORY).err().unwrap();
     assert!(matches!(refused, Error::Locked { .. }), "{refused}");
     assert!(refused.to_string().contains(&format!("process {}", std::process::id())), "{refused}");
-    // Readers do not care.
+    // The uncommitted edit does not affect readers.
     assert_eq!(open(&path).commit().number, 1);
     drop(editor);
     Editor::open(&path, MEMORY).unwrap();
@@ -305,7 +305,7 @@ fn what_is_not_committed_never_was() {
     assert_eq!(file.commit().number, 1);
     assert_same(&cells_of(&file, before.size), &before, "nothing was committed");
     assert_good(&path);
-    // And what comes next is written over it.
+    // The next edit overwrites it.
     let fill = Edit::Fill(FillRegion::Box(Bounds { min: [0; 3], max: [3, 3, 1] }), Some(vec![9.0.into()]));
     edit(&path, [Ok(fill)], note("filled"), MEMORY, &()).unwrap().unwrap();
     assert_good(&path);
@@ -317,7 +317,7 @@ fn commits_are_found_among_many() {
     let path = folder.path().join("t.autumn");
     write(&path, &Cells::random(QUAD, 1, [9, 9, 1], 5, false), (Rule::Mean, DataKind::Continuous), false);
     let mut editor = Editor::open(&path, MEMORY).unwrap();
-    // A reader that was there before stays where it is while thousands of commits come.
+    // A reader opened before stays at its commit while thousands of commits are added.
     let mut reader = open(&path);
     for i in 2..=1500u64 {
         set(&mut editor, [i % 9, i / 9 % 9, 0], (i % 250) as u8 + 1);
@@ -352,7 +352,7 @@ fn pieces_of_other_commits_are_kept_not_copied() {
     write(&path, &cells, (Rule::Mean, DataKind::Continuous), false);
     let all = || FillRegion::Box(Bounds::picture([512, 512, 1]));
     edit(&path, [Ok(Edit::Fill(all(), None))], note("nothing left"), MEMORY, &()).unwrap().unwrap();
-    // An aligned quarter of the first commit comes back: three records at most are new.
+    // Pasting back an aligned quarter of the first commit writes at most three new records.
     let first = FileView {
         steps: vec!["window=256,0,256,256".parse().unwrap()],
         ..FileView::of(format!("{}@1", path.display()).as_ref())
@@ -390,7 +390,7 @@ fn compaction_keeps_commits_that_are_alike() {
     let region = FillRegion::Box(Bounds { min: [1, 2, 0], max: [5, 6, 1] });
     edit(&path, [Ok(Edit::Fill(region, None))], note("a hole"), MEMORY, &()).unwrap().unwrap();
     edit(&path, [Ok(Edit::Revert(1))], note("back"), MEMORY, &()).unwrap().unwrap();
-    // Without the commit between them the first and the last have the same tree.
+    // Without the commit between them, the first and the last have the same tree.
     let made = {
         let keep = Keep::Numbers(vec![1, 3]);
         compact(&path, &CompactOptions::new(&keep, MEMORY), Output::create(&small).unwrap(), &()).unwrap()
@@ -415,9 +415,9 @@ fn an_autumnal_file_is_not_replaced() {
     assert!(matches!(refused, Error::Unsupported { .. }), "{refused}");
     assert_eq!(std::fs::read(&path).unwrap(), before);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
-    // Only what there is can be edited.
+    // Only existing Autumnal files can be edited.
     assert!(Editor::open(&goblin, MEMORY).is_err());
-    // With values of its own type and over its own number of axes only.
+    // Patches must have the file's value type and dimension.
     for (name, form) in [("pairs.goblin", quad(SampleType::U8, 2)), ("octree.goblin", OCT)] {
         let other = folder.path().join(name);
         let cells = Cells::random(form, 1, [9, 9, 1], 5, false);

@@ -1,4 +1,4 @@
-//! Autumnal files that are damaged, or made to do harm: an error or the truth, and soon.
+//! Corrupt and malicious Autumnal files: an error or the right result, within a time limit.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ use super::crafted::{
 use crate::common::{CLASSIC, Cells, QUAD, assert_same, byte, cells_of, made, try_children};
 use crate::targets::seal::FIRST_EXTENT;
 
-/// A small file with two commits, and their cells.
+/// Returns a small file with two commits, and their cells.
 fn two_commits() -> (Vec<u8>, [Cells; 2]) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -33,12 +33,12 @@ fn two_commits() -> (Vec<u8>, [Cells; 2]) {
     (std::fs::read(&path).unwrap(), [first, second])
 }
 
-/// A file, open for all questions.
+/// Opens a file as a dataset.
 fn dataset(file: &Arc<Autumnal>) -> Dataset {
     Dataset::of(file.clone().into()).unwrap()
 }
 
-/// Asks everything that can be asked; whatever the answers are, there is no panic and no end to wait for.
+/// Runs all queries. Whatever they return, they neither panic nor hang.
 fn ask_all(tree: &Dataset) {
     let depth = tree.depth();
     let side = 1u64 << depth;
@@ -66,14 +66,14 @@ fn ask_all(tree: &Dataset) {
     let _ = tree.value_bounds();
 }
 
-/// Either an error, or one of the commits as it was.
+/// Requires an error, or one of the commits unchanged.
 fn error_or_truth(bytes: Vec<u8>, commits: &[Cells], what: &str) {
     let Ok(file) = Autumnal::from_bytes(bytes) else { return };
     let file = Arc::new(file);
     ask_all(&dataset(&file));
     let Ok(root) = file.root() else { return };
     let Some(cells) = commits.get(file.commit().number as usize - 1) else { return };
-    // All of it can be read, or an error is met.
+    // All of it can be read, or reading returns an error.
     let mut pending = vec![root];
     while let Some(place) = pending.pop() {
         if let Child::Inner { node, .. } = place {
@@ -108,7 +108,8 @@ fn files_that_are_cut_short_are_refused() {
     }
 }
 
-/// Asks everything; tells whether it was refused or, in the end, found out. All of it must be soon.
+/// Runs all queries and returns whether the file was rejected, at the latest by verification. All
+/// of it must be fast.
 fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
     let start = Instant::now();
     let found = match Autumnal::from_bytes(bytes.clone()) {
@@ -119,7 +120,7 @@ fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
             file.verify(1 << 20, &()).map_or(true, |findings| !findings.is_empty())
         }
     };
-    // What writes all of it stops, too.
+    // Writers of the whole tree stop, too.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
     std::fs::write(&path, bytes).unwrap();
@@ -129,19 +130,19 @@ fn is_refused(what: &str, bytes: Vec<u8>) -> bool {
     found
 }
 
-/// A file whose claims are as those of small files that were right.
+/// Returns a file whose claimed totals are those of valid small files.
 fn claiming(depth: u8, records: &[u8], root: u64) -> Vec<u8> {
     crafted(records, Claims { depth, root: (root, 1), totals: (1 << (2 * depth), 2), previous: 0 })
 }
 
-/// A root of 64 x 64 cells with detail in the north-west, whose record stands behind that of this child.
+/// A root of 64 x 64 cells with detail in the north-west, whose record follows that child's record.
 struct Small {
-    /// The bytes from the first record's place on: the child's record, for example.
+    /// The bytes from the first record's offset on, such as the child's record.
     child: Vec<u8>,
     root: Pointered,
 }
 
-/// The classes of [`Small`] with their cells.
+/// The classes of [`Small`] and their cell counts.
 const CLASSES: [(u8, u128); 3] = [(1, 3072 + 512), (2, 256), (4, 256)];
 
 impl Small {
@@ -158,7 +159,7 @@ impl Small {
         Small { child: small(1, &[child]), root }
     }
 
-    /// With a root that is not what it was.
+    /// Returns the file with a changed root record.
     fn with(change: impl FnOnce(&mut Pointered)) -> Vec<u8> {
         let mut small = Small::new();
         change(&mut small.root);
@@ -185,7 +186,7 @@ fn a_crafted_file_that_is_right_is_read() {
     assert_eq!(value(&file, 2, [0, 1, 0]), Some(byte(2)));
     assert_eq!(value(&file, 6, [32, 31, 0]), Some(byte(1)));
     assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
-    // Pointers may be longer than they need to be.
+    // Pointers may be longer than necessary.
     for size in 2..=8 {
         let file = Autumnal::from_bytes(Small::with(|root| root.size = size)).unwrap();
         assert_eq!(value(&file, 6, [31, 31, 0]), Some(byte(4)));
@@ -231,11 +232,11 @@ fn pointers_that_go_astray_are_refused() {
     let second = Pointered { back: vec![length], ..first.clone() };
     let cycle = [first.bytes(), second.bytes()].concat();
     assert!(is_refused("a cycle", claiming(11, &cycle, FIRST + length)));
-    // A record is one for nodes of one height: this one should have pointers.
+    // A record belongs to one height: at this height it should have pointers.
     let Small { child, root } = Small::new();
     let records = [child, root.bytes()].concat();
     assert!(is_refused("the record of a node of another height", claiming(9, &records, FIRST + 9)));
-    // INNER and CUT where there can only be cells.
+    // INNER and CUT states where only cells are possible.
     for state in [INNER, CUT] {
         let run = [place([(state, 1), (LEAF, 1), (LEAF, 2), (LEAF, 4)], 2), leaves([1, 1, 2, 4])];
         assert!(is_refused("too deep", claiming(1, &small(1, &run), FIRST)));
@@ -287,7 +288,7 @@ fn runs_that_contradict_themselves_are_refused() {
     ] {
         let file = Small::with(|root| root.run = run.clone());
         assert!(is_refused(what, file), "{what}");
-        // The same in a record that is one run alone.
+        // The same in a record that consists of one run.
         if !what.starts_with("other") && !what.starts_with("another") {
             assert!(is_refused(what, claiming(5, &small(1, &run), FIRST)), "{what}");
         }
@@ -296,7 +297,7 @@ fn runs_that_contradict_themselves_are_refused() {
     let above = Pointered { run: vec![inner(CUT, 1)], ..Small::new().root };
     let records = [small(1, &[leaf]), above.bytes()].concat();
     assert!(is_refused("a child that is cut off too high", claiming(7, &records, FIRST + 9)));
-    // Blocks that reach beyond the cells.
+    // Blocks that extend below cell level.
     for (levels, skip) in [(3, 11), (4, 43), (5, 171)] {
         let run = [vec![dense(1, 1, skip)], vec![leaf; skip as usize - 1]].concat();
         let what = format!("a block of {levels} levels");
@@ -314,7 +315,7 @@ fn a_pointer_into_a_hole_is_not_followed_to_its_beginning() {
     let CountedFile { editor, work, .. } = &CountedFile::new(file);
     let code = Code::from_cell(Dimension::Quad, 6, [0, 0, 0]).unwrap();
     let (found, reads) = work.of(|| editor.tree().value_at(code));
-    // No further than an extent can be long, sector by sector.
+    // The search stops at the maximum length of an extent, sector by sector.
     assert!(found.is_err() && reads < (16 << 20) / 512 + 100, "{reads}");
 }
 
@@ -332,7 +333,8 @@ fn commits_that_go_round_are_refused() {
     }
 }
 
-/// The five levels of a node of which all nodes are alike, as a run whose bottom nodes have a state: a dense block.
+/// Returns the five levels below a node, with all nodes of a level alike, as a dense block whose
+/// bottom nodes have a state.
 fn folded_run(state: u8, cells_of_four: [u8; 4]) -> Vec<Place> {
     let (kind, bottom) = if state == CUT { (2, [2; 4]) } else { (1, cells_of_four) };
     let mut payload = vec![2; 16 + 64 + 256];
@@ -341,15 +343,16 @@ fn folded_run(state: u8, cells_of_four: [u8; 4]) -> Vec<Place> {
     [&[dense(kind, 2, 171)][..], payload.as_chunks::<8>().0].concat()
 }
 
-/// The cells of each node above them, in folded trees.
+/// The cells of each bottom node in folded trees.
 const PATTERN: [u8; 4] = [1, 2, 2, 3];
 
-/// A tree of some depth all of whose nodes of a level are one record. Zones claim what `records` says of a height.
+/// Returns a tree of a depth in which all nodes of a level share one record. `records` gives the
+/// count that zones claim per height.
 pub(super) fn folded(depth: u8, records: impl Fn(u8) -> u128) -> Vec<u8> {
     folded_of(depth, PATTERN, records)
 }
 
-/// A tree as [`folded`] makes it of other cells, of which its zones know nothing.
+/// Returns a [`folded`] tree of other cells, which its zones do not reflect.
 pub(super) fn folded_of(depth: u8, cells_of_four: [u8; 4], records: impl Fn(u8) -> u128) -> Vec<u8> {
     let mut bytes = small(2, &folded_run(LEAF, cells_of_four));
     let (mut at, mut height) = (0, 5);
@@ -373,14 +376,14 @@ pub(super) fn folded_of(depth: u8, cells_of_four: [u8; 4], records: impl Fn(u8) 
     crafted(&bytes, Claims { depth, root: (FIRST + at as u64, 2), totals, previous: 0 })
 }
 
-/// Records of a full tree.
+/// Record count of a full tree.
 pub(super) fn full(height: u8) -> u128 {
     ((1 << (2 * u32::from(height))) - 1) / 3
 }
 
 #[test]
 fn subtrees_shared_beyond_all_bounds_take_no_time() {
-    // As many nodes as a file of 2^60 bytes has, in 20 kB: what can be answered is.
+    // 20 kB represent as many nodes as a file of 2^60 bytes has: feasible queries return results.
     let bytes = folded(29, full);
     assert!(bytes.len() < 40_000, "{}", bytes.len());
     let file = Arc::new(Autumnal::from_bytes(bytes.clone()).unwrap());
@@ -395,24 +398,24 @@ fn subtrees_shared_beyond_all_bounds_take_no_time() {
     assert_eq!(statistics.cells, 1 << 58);
     assert_eq!(statistics.classes, [(1.into(), 1 << 56), (2.into(), 1 << 57), (3.into(), 1 << 56)]);
     is_refused("honest", bytes);
-    // Claims that are too small are found on the way.
+    // Claims that are too small are found during the traversal.
     assert!(is_refused("one record each", folded(29, |_| 1)));
     assert!(is_refused("few records each", folded(29, |height| full(8) * u128::from(height))));
     assert!(is_refused("none", folded(29, |_| 0)));
     assert!(is_refused("more than fit", folded(29, |_| u128::from(u64::MAX) + 1)));
-    // As few as their pointers allow: too many all the same.
+    // The minimum that their pointers allow is still too many.
     let least = |height: u8| (17 << (2 * (height - 7))) + full(height - 7);
     assert!(is_refused("the least that is possible", folded(29, least)));
-    // Less than that where no zones are below.
+    // Fewer than that, with no zones below.
     assert!(is_refused("fewer than pointers", folded(7, |_| 16)));
     assert!(is_refused("a wrong number that is possible", folded(7, |_| 17)));
-    // One that is not too large to be walked is read as it is.
+    // A tree that is small enough to traverse is read completely.
     for depth in [5, 6, 7, 8, 9] {
         let small = Autumnal::from_bytes(folded(depth, full)).unwrap();
         let cell = |[x, y, _]: [u64; 3]| Some(byte(PATTERN[((x & 1) + 2 * (y & 1)) as usize]));
         let expected = made(QUAD, [1 << depth, 1 << depth, 1], cell);
         assert_same(&cells_of(&small, expected.size), &expected, "folded");
-        // (Nodes that are one record have one place: the tree that is built has it, too.)
+        // Nodes that share a record share a position, also in the rebuilt tree.
         assert_eq!(small.verify(1 << 24, &()).unwrap(), [], "{depth}");
     }
 }
@@ -431,7 +434,7 @@ fn zones_and_lengths_that_ask_for_too_much_are_refused() {
     ] {
         assert!(is_refused(what, Small::with(|root| root.zone = zone)), "{what}");
     }
-    // An extent that is longer than the file, with a right head.
+    // An extent longer than the file, with a valid head.
     let mut file = Small::new().file();
     let start = FIRST_EXTENT;
     file[start + 16..start + 24].copy_from_slice(&u64::MAX.to_le_bytes());

@@ -1,4 +1,5 @@
-//! Texts and values of Autumnal files that look like parts of such a file: they are texts and values.
+//! Strings and values of Autumnal files that imitate structures of such a file are read as strings
+//! and values.
 
 use std::path::{Path, PathBuf};
 
@@ -20,12 +21,12 @@ fn open(path: &Path) -> Autumnal {
     Autumnal::open(path, &OpenOptions::new()).unwrap()
 }
 
-/// Offset of some bytes in others.
+/// Returns the offset of a byte sequence in another.
 fn find(bytes: &[u8], wanted: &[u8]) -> usize {
     bytes.windows(wanted.len()).position(|window| window == wanted).unwrap()
 }
 
-/// A file whose second commit, of three, has a message.
+/// Returns a file with three commits, of which the second has a message.
 fn with_message(message: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -47,7 +48,7 @@ fn messages_that_imitate_heads_are_messages() {
     let mut kinds = (0..3).cycle();
     for place in (start.next_multiple_of(512)..start + 5000 - HEAD).step_by(512) {
         let kind = kinds.next().unwrap();
-        // (A message is a text: of bytes below 128 any are.)
+        // A message is UTF-8, which bytes below 128 always are.
         let forged = (1..).map(|length| head(kind, place as u64, length, 7)).find(|head| head.is_ascii());
         message[place - start..][..HEAD].copy_from_slice(&forged.unwrap());
     }
@@ -67,12 +68,13 @@ fn messages_that_imitate_heads_are_messages() {
     compact(&path, &CompactOptions::new(&Keep::Last(2), MEMORY), Output::create(&small).unwrap(), &())
         .unwrap();
     is_whole(&small, &[3, 2]);
-    // The newest slot is lost: the commit is found behind the one before, whose message is passed over.
+    // The newest slot is lost: the commit is found after the previous one, and the message is
+    // skipped.
     let mut damaged = bytes.clone();
     damaged[SLOTS[0]] ^= 1;
     let tree = Autumnal::from_bytes(damaged.clone()).unwrap();
     assert!(tree.commit().number == 3 && tree.remark().is_some());
-    // Both are, and the commit with the message is damaged as well.
+    // Both slots are lost, and the commit with the message is corrupt as well.
     damaged[SLOTS[1]] ^= 1;
     damaged[start] ^= 1;
     std::fs::write(&path, &damaged).unwrap();
@@ -81,10 +83,10 @@ fn messages_that_imitate_heads_are_messages() {
     assert_eq!(open(&path).verify(MEMORY, &()).unwrap(), []);
 }
 
-/// Cells along each axis: as many as have values over more than one extent.
+/// Cells along each axis, so many that their values span several extents.
 const SIDE: u64 = 16;
 
-/// A file whose second commit has these cells.
+/// Returns a file whose second commit has these cells.
 fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let (path, patch) = (folder.path().join("t.autumn"), folder.path().join("patch.goblin"));
@@ -101,7 +103,7 @@ fn with_cells(cells: &Cells) -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-/// A commit with a number in which all cells have one value, as an extent that would start at an offset.
+/// Returns a commit with a number in which all cells have one value, as an extent for an offset.
 fn forged_commit(number: u64, start: u64, metadata: u64, time: i64) -> Vec<u8> {
     let note = (Some(time), String::new(), String::new());
     let root = (1u8, vec![1u8; 16], 0u64);
@@ -111,7 +113,7 @@ fn forged_commit(number: u64, start: u64, metadata: u64, time: i64) -> Vec<u8> {
     [head(1, start, payload.len() as u64, crc32c::crc32c(&payload)), payload].concat()
 }
 
-/// The bytes of a picture's file, of 64 x 64 cells.
+/// Returns the bytes of a file of 64 x 64 cells.
 fn written(cells: &Cells, rule: Rule) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.autumn");
@@ -119,7 +121,7 @@ fn written(cells: &Cells, rule: Rule) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// A file says what it should.
+/// Checks that a file has these cells.
 fn assert_says(file: Vec<u8>, cells: &Cells, what: &str) {
     let file = Autumnal::from_bytes(file).unwrap();
     assert_same(&cells_of(&file, cells.size), cells, what);
@@ -133,7 +135,8 @@ fn cells_that_imitate_the_head_of_an_extent_are_cells() {
         Some(Value::from([0.5 + (x + side * y) as f64]))
     });
     let plain = written(&cells, Rule::Nearest);
-    // The rows of a dense block, of 32 cells, stand one behind the other, some where an extent could start.
+    // The rows of a dense block, of 32 cells, are contiguous; some are at offsets where an extent
+    // could start.
     let indices = |(x, y): (u64, u64)| (0..32).map(move |i| (y * side + x + i) as usize);
     let mut forged_at = Vec::new();
     for row in (0..side).flat_map(|y| [(0, y), (32, y)]) {
@@ -144,7 +147,7 @@ fn cells_that_imitate_the_head_of_an_extent_are_cells() {
         if at + HEAD > start + bytes.len() {
             continue;
         }
-        // (Of these bytes some would not be numbers.)
+        // Some of these bytes would not be numbers.
         let forged = (64..).find_map(|length| {
             let mut bytes = bytes.clone();
             bytes[at - start..][..HEAD].copy_from_slice(&head(0, at as u64, length, 7));
@@ -158,7 +161,7 @@ fn cells_that_imitate_the_head_of_an_extent_are_cells() {
     }
     let forged = written(&cells, Rule::Nearest);
     let heads = extents(&forged);
-    // (What is written behind the first record stands elsewhere than it did.)
+    // The bytes after the first record have moved.
     let imitated = forged_at.iter().filter(|at| forged[**at..].starts_with(b"Extt") && !heads.contains(at));
     assert!(imitated.count() > 5, "the test imitates something");
     assert_says(forged, &cells, "imitated heads");
@@ -166,8 +169,9 @@ fn cells_that_imitate_the_head_of_an_extent_are_cells() {
 
 #[test]
 fn records_that_begin_like_the_head_of_an_extent_are_records() {
-    // In the north-east four leaves, which are the head behind the record's representative. The north-west, whose record comes
-    // first, has as many nodes as it takes to bring that record to where an extent could start.
+    // The north-east has four leaves that form a head after the record's representative. The
+    // north-west, whose record comes first, has enough nodes to move that record to an offset where
+    // an extent could start.
     let cells = |north_east: [[u8; 8]; 4], (nodes, more): (u64, bool)| {
         made(quad(SampleType::F64, 1), [64, 64, 1], |[x, y, _]| {
             let number = |x: u64, y: u64| {
@@ -185,14 +189,14 @@ fn records_that_begin_like_the_head_of_an_extent_are_records() {
             Some(Value::from([if is_other { 0.25 } else { 0.5f64 }]))
         })
     };
-    // The largest of them is the representative. These are no heads yet.
+    // The largest of them is the representative. These are not heads yet.
     let plain = [1, 2, 3, 0x7474_7844u64].map(u64::to_le_bytes);
     let record = [&plain[3..], &plain].concat().concat();
     let sizes = (1..60).flat_map(|nodes| [(nodes, false), (nodes, true)]);
     let mut found = sizes.map(|size| (size, find(&written(&cells(plain, size), Rule::Max), &record)));
     let (size, at) = found.find(|(_, at)| at.is_multiple_of(512)).unwrap();
     let heads = (0..).map(|length| head(0, at as u64, length, 7));
-    // (The checksums are to be less than the representative, which is: negative.)
+    // The checksums must be less than the representative, that is, negative.
     let mut four = heads.map(|head| {
         let four: [[u8; 8]; 4] = head.as_chunks::<8>().0.try_into().unwrap();
         [four[1], four[2], four[3], four[0]]
@@ -205,7 +209,7 @@ fn records_that_begin_like_the_head_of_an_extent_are_records() {
         HEAD,
         "it has an extent of its own"
     );
-    // Asked for first: nothing has found the extent before.
+    // First query: no earlier one has found the extent.
     let cell = Code::from_cell(Dimension::Quad, 6, [40, 5, 0]).unwrap();
     assert_eq!(Autumnal::from_bytes(forged.clone()).unwrap().value_at(cell).unwrap(), cells.get([40, 5, 0]));
     assert_says(forged, &cells, "an imitated head");
@@ -220,8 +224,8 @@ fn values_that_imitate_commits_are_values() {
     let (_folder, path) = with_cells(&cells);
     let bytes = std::fs::read(&path).unwrap();
     let metadata = extents(&bytes).into_iter().find(|head| bytes[head + 4] == 2).unwrap() as u64;
-    // All of a layer of a dense block, 8 x 8 cells, stand one behind the other; in some layers an extent could start that has
-    // room in it.
+    // All cells of a layer of a dense block, 8 x 8 cells, are contiguous. In some layers an extent
+    // could start that fits.
     let index = |[x, y, z]: [u64; 3]| ((z * SIDE + y) * SIDE + x) as usize;
     let layers = (0..4 * SIDE).map(|i| [i % 2 * 8, i / 2 % 2 * 8, i / 4]);
     let layer = |[x, y, z]: [u64; 3]| -> Vec<[u64; 3]> {
@@ -233,7 +237,7 @@ fn values_that_imitate_commits_are_values() {
         let start = find(&bytes, &run);
         (start.next_multiple_of(512), start, first, run)
     });
-    // (Behind the first imitation everything would stand elsewhere.)
+    // After the first imitation all bytes would move.
     let (place, start, first, run) = places.min().unwrap();
     assert!(place + 90 <= start + run.len());
     for number in [2, 3] {
@@ -241,7 +245,7 @@ fn values_that_imitate_commits_are_values() {
             let commit = forged_commit(number, place as u64, metadata, time);
             let mut run = run.clone();
             run[place - start..][..commit.len()].copy_from_slice(&commit);
-            // (Bytes that are no numbers would be VOID.)
+            // NaN bytes would be VOID.
             run.chunks(4).all(|four| !f32::from_le_bytes(four.try_into().unwrap()).is_nan()).then_some(run)
         });
         let forged = forged.unwrap();
@@ -256,13 +260,13 @@ fn values_that_imitate_commits_are_values() {
         assert_eq!(tree.verify(MEMORY, &()).unwrap(), []);
         assert_same(&cells_of(&tree, cells.size), &cells, "imitated commits");
         drop(tree);
-        // Without the newest slot, and without any.
+        // Without the newest slot, and without both.
         bytes[SLOTS[1]] ^= 1;
         let tree = Autumnal::from_bytes(bytes.clone()).unwrap();
         assert_eq!(tree.commit().number, 2);
         assert_same(&cells_of(&tree, cells.size), &cells, "imitated commits, a slot lost");
         bytes[SLOTS[0]] ^= 1;
-        // Also if the values are damaged, so that somebody might look for what is left among them.
+        // Also if the values are corrupt, so that a recovery might search among them.
         let records =
             extents(&bytes).into_iter().rfind(|head| *head < place && bytes[head + 4] == 0).unwrap();
         assert!(records + HEAD + (long(&bytes, records + 16) as usize) > place);

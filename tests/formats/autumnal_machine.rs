@@ -1,5 +1,5 @@
-//! Autumnal files that are edited, reverted, compacted, moved, replaced and lost in crashes, in any order, against a map from
-//! the numbers of commits to cells.
+//! Random sequences of edits, reverts, compactions, moves, replacements and crashes of Autumnal
+//! files, checked against a map from commit numbers to cells.
 
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -22,7 +22,7 @@ use crate::targets::disk::Disk;
 
 const MEMORY: u64 = 16 << 20;
 
-/// The state that a file should have.
+/// The expected state of a file.
 #[derive(Clone)]
 struct Model {
     path: PathBuf,
@@ -38,7 +38,7 @@ impl Model {
         (*number, cells.clone())
     }
 
-    /// Takes note of a commit that was made.
+    /// Records a commit that was made.
     fn commit(&mut self, cells: Cells) {
         let number = self.newest().0 + 1;
         self.commits.insert(number, Rc::new(cells));
@@ -49,18 +49,18 @@ impl Model {
     }
 }
 
-/// Files, and readers that were opened some time ago and see what there was then.
+/// Files, and readers that were opened earlier and see their commits.
 struct Machine {
     random: Random,
     folder: TempDir,
-    /// A folder for trees that files are edited with.
+    /// A directory for trees used in edits.
     others: TempDir,
     files: Vec<Model>,
     readers: Vec<(Autumnal, Rc<Cells>)>,
     names: u32,
 }
 
-/// Somebody who does something as soon as others have begun.
+/// Runs an action as soon as an operation has begun.
 struct Meanwhile<'a>(Mutex<Option<Box<dyn FnOnce() + Send + 'a>>>);
 
 impl<'a> Meanwhile<'a> {
@@ -92,7 +92,7 @@ impl Machine {
         Machine { random: Random(seed), folder, others, files, readers: Vec::new(), names: 0 }
     }
 
-    /// A path where nothing is.
+    /// Returns an unused path.
     fn new_path(&mut self) -> PathBuf {
         self.names += 1;
         self.folder.path().join(format!("{}.autumn", self.names))
@@ -102,7 +102,7 @@ impl Machine {
         self.random.below(self.files.len() as u64) as usize
     }
 
-    /// Some edits of a file, and its cells after them.
+    /// Returns random edits of a file, and its cells after them.
     fn edits(&mut self, file: usize) -> (Vec<Edit>, Cells) {
         let mut cells = (*self.files[file].newest().1).clone();
         let count = 1 + self.random.below(2);
@@ -149,7 +149,7 @@ impl Machine {
         if done.is_some() {
             model.commit(cells);
         }
-        // What was compacted away is not there any more.
+        // Commits that compaction removed are gone.
         let gone = (1..number).find(|number| !model.commits.contains_key(number)).unwrap_or(u64::MAX);
         assert!(edit(&model.path, [Ok(Edit::Revert(gone))], Note::default(), MEMORY, &()).is_err());
         "revert"
@@ -160,7 +160,7 @@ impl Machine {
         numbers[self.random.below(numbers.len() as u64) as usize]
     }
 
-    /// Some commits go to another file, which may take the place of the first.
+    /// Copies some commits to another file, which may replace the first.
     fn compact(&mut self, file: usize) -> &'static str {
         let target = self.new_path();
         let model = self.files[file].clone();
@@ -172,7 +172,7 @@ impl Machine {
             (Keep::Numbers(numbers.clone()), numbers)
         };
         let share = self.random.below(2) == 0;
-        // (Half of the files have their history packed, and go on from there.)
+        // Half of the files have their history packed, and are edited further.
         let pack = self.random.below(2) == 0;
         let options = CompactOptions::new(&keep, MEMORY).share(share).pack(pack);
         compact(&model.path, &options, Output::create(&target).unwrap(), &()).unwrap();
@@ -195,7 +195,7 @@ impl Machine {
         "move"
     }
 
-    /// The disk fails at some write or sync of an edit, of which half arrives.
+    /// The disk fails at a write or sync of an edit, half of which arrives.
     fn crash(&mut self, file: usize) -> &'static str {
         let (edits, cells) = self.edits(file);
         let good = self.random.below(8) as usize;
@@ -206,7 +206,7 @@ impl Machine {
             apply_edits(&mut editor, &mut edits.into_iter().map(Ok), &())?;
             editor.commit(Note::default())
         });
-        // (Readers have the file mapped: it is written to as editors do, in place.)
+        // Readers have the file mapped, so it is written in place, as editors do.
         let mut written = std::fs::File::options().write(true).open(&model.path).unwrap();
         written.write_all(&disk.state().bytes).unwrap();
         model.has_crashed = true;
@@ -219,7 +219,7 @@ impl Machine {
             }
             Err(error) => {
                 assert!(matches!(error, Error::Io { .. }), "{error}");
-                // The commit of which nobody was told may be there all the same.
+                // A commit that was not reported may still exist.
                 if number > model.newest().0 {
                     model.commit(cells);
                 }
@@ -229,7 +229,8 @@ impl Machine {
         "crash"
     }
 
-    /// The file is moved away or replaced while it is edited: the commit fails, and is nowhere.
+    /// The file is moved or replaced during an edit: the commit fails and is not stored in any
+    /// file.
     fn lose_path(&mut self, file: usize) -> &'static str {
         let (edits, _) = self.edits(file);
         let path = self.new_path();
@@ -238,14 +239,14 @@ impl Machine {
         let old = self.files[file].path.clone();
         let mut editor = Editor::open(&old, MEMORY).unwrap();
         apply_edits(&mut editor, &mut edits.into_iter().map(Ok), &()).unwrap();
-        // (A file that has another name as well is found there.)
+        // A file with a second name is found there.
         std::fs::rename(&old, &path).unwrap();
         if is_replaced {
             let source = if other == file { &path } else { &self.files[other].path };
             std::fs::copy(source, &old).unwrap();
         }
         match editor.commit(Note::default()) {
-            // Where nothing has changed nothing is written.
+            // Without changes nothing is written.
             Ok(None) => {}
             Err(Error::Moved { .. }) => {}
             other => panic!("{other:?}"),
@@ -258,7 +259,7 @@ impl Machine {
         "lose the path"
     }
 
-    /// A file appears at the path of an output while that is being made: it stays.
+    /// A file appears at an output's path while the output is written: it stays.
     fn find_target_taken(&mut self, file: usize) -> &'static str {
         let target = self.new_path();
         let source = self.files[file].path.clone();
@@ -288,7 +289,7 @@ impl Machine {
         "find an editor"
     }
 
-    /// A copy of another file takes a file's place.
+    /// A copy of another file replaces a file.
     fn replace(&mut self, file: usize) -> &'static str {
         let (other, copy) = (self.any_file(), self.new_path());
         std::fs::copy(&self.files[other].path, &copy).unwrap();
@@ -306,7 +307,8 @@ impl Machine {
         "begin to read"
     }
 
-    /// Opened files are as they were; and goes on, if it is told to, to what is at its path now.
+    /// Checks that opened files are unchanged. Some readers then move to the file that is at their
+    /// path now.
     fn check_readers(&mut self) {
         while self.readers.len() > 3 {
             self.readers.remove(0);
@@ -327,7 +329,7 @@ impl Machine {
         }
     }
 
-    /// The commits of a file are those of its model; `all` of them are looked at, or two.
+    /// Checks that a file has its model's commits: `all` of them, or two.
     fn check(&mut self, file: usize, all: bool) {
         let some = self.any_commit(file);
         let model = &self.files[file];

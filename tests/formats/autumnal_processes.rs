@@ -1,4 +1,5 @@
-//! Several processes at one Autumnal file: one that writes and dies, others that read; two that write; a full disk.
+//! Several processes that use one Autumnal file: a writer that dies among readers; two writers; a
+//! full disk.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -16,7 +17,7 @@ use crate::common::{QUAD, Random, as_byte, byte, goblin_bytes, made};
 
 const SIDE: u64 = 300;
 
-/// A file whose cells are alike in each commit.
+/// Returns a file whose commits have similar cells.
 fn file() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let (goblin, path) = (folder.path().join("t.goblin"), folder.path().join("t.autumn"));
@@ -27,12 +28,12 @@ fn file() -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-/// Looks at a file as any reader does: all cells are those of one commit. Tells its number.
+/// Checks as a reader that all cells of a file belong to one commit. Returns its number.
 fn look(path: &Path) -> u64 {
     let tree = open(path, &Default::default()).unwrap();
     let statistics = tree.statistics(None, &()).unwrap();
     assert_eq!(statistics.cells, SIDE * SIDE);
-    // Every commit has stripes of one value and the next.
+    // Each commit has stripes of a value and the next one.
     let channel = statistics.channels[0];
     assert!(channel.max.to_f64() - channel.min.to_f64() <= 1.0, "{channel:?}");
     let mut bytes = vec![0; (SIDE * SIDE) as usize];
@@ -43,7 +44,7 @@ fn look(path: &Path) -> u64 {
     tree.commit().unwrap().number
 }
 
-/// Stripes of two values, as cells.
+/// Writes stripes of two values as a tree file.
 fn stripes(folder: &Path, value: u64) -> PathBuf {
     let path = folder.join("stripes.csv");
     let mut text = String::new();
@@ -122,7 +123,7 @@ fn a_full_disk_loses_nothing() {
     let (folder, path) = file();
     let cells = stripes(folder.path(), 90);
     let before = std::fs::metadata(&path).unwrap().len();
-    // In blocks of 512 bytes: no byte more, or a few pages.
+    // File size limits in blocks of 512 bytes: no further byte, or a few pages.
     for blocks in [before / 512, before / 512 + 8, before / 512 + 100] {
         let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$@\"");
         let run = Command::new("sh")
@@ -138,7 +139,7 @@ fn a_full_disk_loses_nothing() {
         assert_eq!(look(&path), 1);
         assert_eq!(open(&path, &Default::default()).unwrap().verify(1 << 24, &()).unwrap(), []);
     }
-    // With room it goes on.
+    // With free space the edit succeeds.
     let run = Command::new(env!("CARGO_BIN_EXE_spinney"))
         .args(["edit", "-q"])
         .arg(&path)

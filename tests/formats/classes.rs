@@ -1,4 +1,5 @@
-//! Very many classes, and very many commits: files, edits and answers stay as small as what changes, and exact.
+//! Very many classes and very many commits: files, edits and results remain proportional to the
+//! change, and exact.
 
 use std::path::Path;
 
@@ -17,13 +18,13 @@ use crate::common::{Cells, assert_same, cells_of, made, options, quad, same_tree
 
 const FORM: TreeType = quad(SampleType::U32, 1);
 
-/// Classes that a zone lists at most.
+/// Maximum number of classes that a zone lists.
 const MOST: u64 = 1024;
 
-/// The first class. (What writes cells takes a smaller number for VOID.)
+/// The first class. Cell writers use a smaller number for VOID.
 const FIRST: u32 = 1000;
 
-/// A picture of so many classes: patches of some cells, and single cells between them.
+/// Returns an image of `classes` classes: patches of some cells, and single cells between them.
 fn picture(side: u64, classes: u64) -> Cells {
     let mix = |number: u64| number.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 20;
     made(FORM, [side, side, 1], |[x, y, _]| {
@@ -32,7 +33,7 @@ fn picture(side: u64, classes: u64) -> Cells {
     })
 }
 
-/// The numbers of classes that are tried, each with a picture's side.
+/// Image sides and class counts that are tested.
 const SCALES: [(u64, u64); 3] = [(256, 1000), (256, 10_000), (512, 262_144)];
 
 fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, DataKind)) -> Vec<u8> {
@@ -42,7 +43,7 @@ fn file_bytes(cells: &Cells, name: &str, (rule, kind): (Rule, DataKind)) -> Vec<
     std::fs::read(path).unwrap()
 }
 
-/// Cells of each class in a box.
+/// Returns the cell count of each class in a box.
 fn counted(cells: &Cells, bounds: &Bounds) -> Vec<(Number, u64)> {
     let mut classes = Vec::new();
     for y in bounds.min[1]..bounds.max[1] {
@@ -70,10 +71,10 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
         let whole = Bounds::picture([side, side, 1]);
         let part = Bounds { min: [side / 4 + 3, 5, 0], max: [side - 7, side / 2 + 9, 1] };
         let kinds = [(Rule::Majority, DataKind::Categorical), (Rule::Nearest, DataKind::Categorical)];
-        // (Once is enough of the largest.)
+        // One run suffices for the largest image.
         for (rule, kind) in kinds.into_iter().take(if side > 256 { 1 } else { 2 }) {
             let without = (Rule::Nearest, DataKind::Continuous);
-            // Lists have a value and a number for each class.
+            // Lists have a value and a count for each class.
             let bytes = file_bytes(&cells, "t.goblin", (rule, kind));
             let tree = goblin(&bytes);
             let lists = bytes.len() as u64 - file_bytes(&cells, "t.goblin", without).len() as u64;
@@ -90,7 +91,7 @@ fn lists_of_classes_are_bounded_and_answers_exact() {
                 }
                 assert_eq!(tree.verify(1 << 24, &()).unwrap(), [], "{classes}");
             }
-            // From one format to the other and back.
+            // Convert to the other format and back.
             let folder = tempfile::tempdir().unwrap();
             let file = |name: &str| folder.path().join(name);
             std::fs::write(file("a.goblin"), &bytes).unwrap();
@@ -118,7 +119,7 @@ fn majorities_among_very_many_classes_are_exact() {
     same_trees(&Autumnal::from_bytes(bytes).unwrap(), &tree);
 }
 
-/// Gives a cell a value, as one commit, and tells the bytes that this wrote.
+/// Sets a cell's value in a commit and returns the bytes written.
 fn set(file: &mut CountedFile, [x, y]: [u64; 2], class: u32) -> u64 {
     let before = file.work.written();
     let edit = Edit::Set(vec![([x, y, 0], Some(vec![class.into()]))]);
@@ -147,7 +148,7 @@ fn an_edit_among_very_many_classes_writes_little() {
         let whole = Bounds::picture([side, side, 1]);
         assert!(tree.statistics(None, &()).unwrap().classes == counted(&cells, &whole), "{classes}");
         assert_eq!(tree.verify(1 << 26, &()).unwrap(), [], "{classes}");
-        // As if it had been made so.
+        // The result equals a new build.
         if side == 256 {
             same_trees(&*file.editor.tree(), &cells.tree(Rule::Majority));
         }
@@ -167,7 +168,7 @@ fn the_work_of_a_commit_does_not_grow_with_their_number() {
         if number < 100 {
             most = [0, 1].map(|kind| work[kind].max(most[kind]));
         } else {
-            // (The records that an edit looks at come to stand in extents of their own.)
+            // An edit moves the records that it reads to extents of their own.
             assert!(work[0] <= 4 * most[0] && work[1] <= 2 * most[1], "{number}: {work:?}, {most:?}");
         }
         if number == 100 || number == 10_000 {
@@ -186,7 +187,7 @@ fn the_work_of_a_commit_does_not_grow_with_their_number() {
     );
 }
 
-/// A commit of a file.
+/// Returns the path of a commit of a file.
 fn named(path: &Path, number: u64) -> std::path::PathBuf {
     format!("{}@{number}", path.display()).into()
 }

@@ -6,13 +6,13 @@ use proptest::prelude::*;
 use spinney::Dimension::{Oct, Quad};
 use spinney::{Code, Dimension};
 
-/// Any node of a tree: the steps of its path.
+/// A random node of a tree, as the digits of its path.
 fn code(dimension: Dimension) -> impl Strategy<Value = Code> {
     let steps = prop::collection::vec(0..dimension.children(), 0..=dimension.max_depth() as usize);
     steps.prop_map(move |steps| Code::from_digits(dimension, steps).unwrap())
 }
 
-/// Two nodes that share the start of their paths more often than chance would have it.
+/// Two nodes with a common path prefix more often than by chance.
 fn pair(dimension: Dimension) -> impl Strategy<Value = (Code, Code)> {
     (code(dimension), code(dimension), 0..=dimension.max_depth()).prop_map(move |(a, b, shared)| {
         let start = a.digits().take(shared as usize);
@@ -33,7 +33,7 @@ fn round_trips(code: Code) {
     assert_eq!(code.to_string().len(), level as usize + 1);
 }
 
-/// The cell by its definition: bit `axis` of every step is the next bit of the coordinate.
+/// The cell by its definition: bit `axis` of every digit is the next bit of the coordinate.
 fn cell_is_the_steps_bits(code: Code) {
     let mut cell = [0u32; 3];
     for step in code.digits() {
@@ -55,7 +55,7 @@ fn layout(code: Code) {
         let shift = 63 - axes * (level as u32 + 1);
         assert_eq!((bits >> shift) as usize & (dimension.children() - 1), code.step(level));
     }
-    // Any other bit set below the path makes it no code, and so does the sign.
+    // Any other bit set below the path makes the code invalid, and so does the sign.
     for bit in 5..63 - used {
         assert_eq!(Code::from_bits(dimension, bits | 1 << bit), None);
     }
@@ -83,7 +83,7 @@ fn up_and_down(code: Code) {
 }
 
 fn order_is_preorder(a: Code, b: Code) {
-    // Preorder: by steps, an ancestor before what is below it. That is the order of lists.
+    // Preorder: by digits, ancestors first. That is the lexicographic order of lists.
     let (steps_a, steps_b): (Vec<_>, Vec<_>) = (a.digits().collect(), b.digits().collect());
     assert_eq!(a.cmp(&b), steps_a.cmp(&steps_b));
     assert_eq!(a.bits().cmp(&b.bits()), steps_a.cmp(&steps_b));
@@ -163,7 +163,7 @@ proptest! {
 
 #[test]
 fn known_quadkeys() {
-    // The tile that the Bing Maps documentation uses as its example: level 3, x 3, y 5.
+    // The example of the Bing Maps documentation: level 3, x 3, y 5.
     let code = Code::from_zxy(3, 3, 5).unwrap();
     assert_eq!(code.quadkey(), "213");
     assert_eq!(code.to_string(), "/213");
@@ -197,7 +197,7 @@ fn known_bits() {
 fn codes_of_planes_and_volumes_are_never_equal() {
     assert_eq!(Code::root(Quad).bits(), Code::root(Oct).bits());
     assert_ne!(Code::root(Quad), Code::root(Oct));
-    // The same bits, which both dimensions have.
+    // The same bits are valid in both dimensions.
     let [plane, volume] = [Quad, Oct].map(|dimension| Code::from_bits(dimension, 1).unwrap());
     assert_ne!(plane, volume);
     assert_eq!((plane.child(3).cell(), volume.child(3).cell()), ([1, 1, 0], [1, 1, 0]));

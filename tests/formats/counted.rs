@@ -1,4 +1,4 @@
-//! Bytes in memory that count how often, and how much of them, is read and written: for tests of costs.
+//! Byte storage in memory that counts reads and writes, for tests of costs.
 
 use std::borrow::Cow;
 use std::io;
@@ -10,7 +10,7 @@ use spinney::Result;
 use spinney::edit::Editor;
 use spinney::raw::io::{FileId, ReadBackend, WriteBackend};
 
-/// Work that was done with some bytes.
+/// Reads and writes of some bytes.
 #[derive(Default)]
 pub(super) struct Work {
     reads: AtomicU64,
@@ -28,7 +28,7 @@ impl Work {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// The answer to a question, and the reads that it took.
+    /// Returns a query's result and the number of its reads.
     pub(super) fn of<T>(&self, ask: impl FnOnce() -> T) -> (T, u64) {
         let before = self.reads();
         let answer = ask();
@@ -36,14 +36,14 @@ impl Work {
     }
 }
 
-/// A file in memory whose uses are counted.
+/// A file in memory whose accesses are counted.
 struct Counted {
     bytes: Arc<Mutex<Vec<u8>>>,
     work: Arc<Work>,
     id: FileId,
 }
 
-/// What is in it, up to where it ended at some time: nothing is written over but the meta slots.
+/// A file's contents up to its end at some time. Only the meta slots are overwritten.
 struct Snapshot {
     bytes: Arc<Mutex<Vec<u8>>>,
     len: u64,
@@ -90,7 +90,7 @@ impl WriteBackend for Counted {
     }
 }
 
-/// An Autumnal file in memory, open to be read and edited, and the work that is done with it.
+/// An Autumnal file in memory, open for reading and editing, with counted accesses.
 pub(super) struct CountedFile {
     pub(super) editor: Editor,
     pub(super) work: Arc<Work>,
@@ -105,7 +105,7 @@ impl CountedFile {
         CountedFile { editor, work, bytes }
     }
 
-    /// Opens it anew.
+    /// Opens the file again.
     pub(super) fn reopen(&mut self) {
         self.editor = editor(&self.bytes, &self.work);
     }

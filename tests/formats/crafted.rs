@@ -1,5 +1,5 @@
-//! Autumnal files made by hand, by the letter of `formats.md`: quadtrees of bytes (rule dominant, categorical), wrong in nothing
-//! but what they are told to be wrong in.
+//! Autumnal files constructed as `formats.md` specifies: quadtrees of bytes (rule dominant,
+//! categorical) that are invalid only where a test requires it.
 
 use std::path::Path;
 
@@ -8,17 +8,17 @@ use spinney::{Output, WriteOptions, convert};
 
 use crate::targets::seal::{FIRST_EXTENT, HEAD, HEAD_MAGIC};
 
-/// Where the first record stands.
+/// Offset of the first record.
 pub(super) const FIRST: u64 = (FIRST_EXTENT + HEAD) as u64;
 
 pub(super) const LEAF: u8 = 1;
 pub(super) const INNER: u8 = 2;
 pub(super) const CUT: u8 = 3;
 
-/// A place of a run, which is a record of a segment.
+/// A record of a run, as in a segment.
 pub(super) type Place = [u8; 8];
 
-/// The record of a node whose children have these states and values.
+/// Returns the record of a node whose children have these states and values.
 pub(super) fn place(children: [(u8, u8); 4], skip: u32) -> Place {
     let mut place = [0; 8];
     for (i, (state, value)) in children.into_iter().enumerate() {
@@ -29,17 +29,18 @@ pub(super) fn place(children: [(u8, u8); 4], skip: u32) -> Place {
     place
 }
 
-/// The record of a node with four leaves.
+/// Returns the record of a node with four leaves.
 pub(super) fn leaves(values: [u8; 4]) -> Place {
     place(values.map(|value| (LEAF, value)), 1)
 }
 
-/// The record of a dense block of a kind, with four INNER children that all have one representative.
+/// Returns the record of a dense block of a kind, with four INNER children that share one
+/// representative.
 pub(super) fn dense(kind: u32, value: u8, skip: u32) -> Place {
     place([(INNER, value); 4], skip | kind << 21)
 }
 
-/// A record that is one run alone.
+/// Returns a record that consists of one run.
 pub(super) fn small(representative: u8, run: &[Place]) -> Vec<u8> {
     [&[representative][..], run.as_flattened()].concat()
 }
@@ -48,10 +49,10 @@ pub(super) fn small(representative: u8, run: &[Place]) -> Vec<u8> {
 #[derive(Clone, Debug)]
 pub(super) struct Pointered {
     pub(super) representative: u8,
-    /// Bytes of a pointer.
+    /// Size of a pointer in bytes.
     pub(super) size: u8,
     pub(super) bitmap: Vec<u8>,
-    /// The bytes between this record's start and those of the records below.
+    /// Distances in bytes from this record's start back to those of the records below.
     pub(super) back: Vec<u64>,
     pub(super) run: Vec<Place>,
     pub(super) zone: Vec<u8>,
@@ -68,7 +69,7 @@ impl Pointered {
     }
 }
 
-/// A number as zones have it.
+/// Encodes a number as LEB128, as in zones.
 pub(super) fn leb128(mut number: u128) -> Vec<u8> {
     let mut bytes = Vec::new();
     while number > 127 {
@@ -79,13 +80,13 @@ pub(super) fn leb128(mut number: u128) -> Vec<u8> {
     bytes
 }
 
-/// The zone of so many INNER nodes, and so many cells of each class.
+/// Returns the zone of a number of INNER nodes and of cells per class.
 pub(super) fn zone(records: u128, classes: &[(u8, u128)]) -> Vec<u8> {
     let sum =
         |power: u32| classes.iter().map(|(value, cells)| u128::from(*value).pow(power) * cells).sum::<u128>();
     let mut zone = [leb128(records), leb128(sum(0))].concat();
     zone.extend([classes[0].0, classes[classes.len() - 1].0]);
-    // (Zigzag numbers; these are not negative.)
+    // Zigzag numbers; these are not negative.
     zone.extend([leb128(2 * sum(1)), leb128(2 * sum(2)), leb128(classes.len() as u128)].concat());
     for (value, cells) in classes {
         zone.push(*value);
@@ -94,7 +95,7 @@ pub(super) fn zone(records: u128, classes: &[(u8, u128)]) -> Vec<u8> {
     zone
 }
 
-/// The head of an extent.
+/// Returns the head of an extent.
 pub(super) fn head(kind: u8, start: u64, length: u64, checksum: u32) -> Vec<u8> {
     let mut head = HEAD_MAGIC.to_vec();
     head.extend([kind, 0, 0, 0]);
@@ -105,7 +106,7 @@ pub(super) fn head(kind: u8, start: u64, length: u64, checksum: u32) -> Vec<u8> 
     head
 }
 
-/// Appends an extent with right checksums and tells where it starts.
+/// Appends an extent with valid checksums and returns its offset.
 fn extent(file: &mut Vec<u8>, kind: u8, payload: &[u8]) -> u64 {
     file.resize(file.len().next_multiple_of(512), 0);
     let start = file.len() as u64;
@@ -118,24 +119,24 @@ pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
     bincode::serde::encode_to_vec(document, bincode::config::standard()).unwrap()
 }
 
-/// Claims of a crafted file about its tree, but for the records.
+/// What a crafted file claims about its tree, except for the records.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claims {
     pub(super) depth: u8,
-    /// Where the root's record is, and its representative.
+    /// Offset of the root's record, and its representative.
     pub(super) root: (u64, u8),
     /// Cells that are not VOID, and INNER nodes.
     pub(super) totals: (u64, u64),
-    /// Where the commit before starts.
+    /// Offset of the previous commit.
     pub(super) previous: u64,
 }
 
-/// A file with these records, right in everything else.
+/// Returns a file with these records, valid in everything else.
 pub(super) fn crafted(records: &[u8], claims: Claims) -> Vec<u8> {
     crafted_behind(0, records, claims)
 }
 
-/// A file with these records behind a hole of so many bytes (a multiple of 512).
+/// Returns a file with these records after a hole of `hole` bytes (a multiple of 512).
 pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec<u8> {
     let Claims { depth, root, totals, previous } = claims;
     let folder = tempfile::tempdir().unwrap();
@@ -149,7 +150,7 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     file[14] = depth;
     let checksum = crc32c::crc32c(&file[..20]);
     file[20..24].copy_from_slice(&checksum.to_le_bytes());
-    // Not sharing, runs of five levels.
+    // No sharing, runs of five levels.
     file[64..68].copy_from_slice(&[0, 5, 0, 0]);
     let checksum = crc32c::crc32c(&file[64..68]);
     file[68..72].copy_from_slice(&checksum.to_le_bytes());
@@ -163,7 +164,7 @@ pub(super) fn crafted_behind(hole: usize, records: &[u8], claims: Claims) -> Vec
     let note = (None::<i64>, String::new(), String::new());
     let written = (0u64, 0u64, 0u64, 0u64);
     let root = (INNER, vec![root.1], root.0);
-    // Bytes of one channel by the rule dominant, categorical; h = 8, s = 2, T = 4096.
+    // Bytes of one channel, rule dominant, categorical; h = 8, s = 2, T = 4096.
     let mut header = vec![0, 1, 2, 0, 0, depth, 8, 2, 0, 16, 0, 0];
     header.extend([0; 12]);
     [1 << depth, 1 << depth, 1u64].iter().for_each(|cells| header.extend(cells.to_le_bytes()));

@@ -1,4 +1,5 @@
-//! Dense blocks: nodes of Goblin files that stand as rows of values, asked everything, against arrays and trees in memory.
+//! Dense blocks: nodes of Goblin files that are stored as rows of values; all queries, checked
+//! against arrays and trees in memory.
 
 use std::sync::Arc;
 
@@ -20,22 +21,23 @@ use crate::common::{
 use crate::targets::seal;
 use crate::targets::trees::ask_goblin;
 
-/// What cells are like: none is like its neighbours, but for some that are VOID, or for blocks of 4 cells along each axis
-/// that are.
+/// What cells contain: uncorrelated values, with single cells VOID or with blocks of 4 cells along
+/// each axis VOID.
 #[derive(Clone, Copy, Debug)]
 enum Content {
     Noise,
     Gradient,
     /// Single cells are VOID.
     Holes,
-    /// Whole blocks are VOID in some parts, of one value in others, and nothing of both in the rest.
+    /// Whole blocks are VOID in some octants or quadrants, uniform in others, and neither in the
+    /// rest.
     Blocks,
 }
 
 fn content(form: TreeType, content: Content, seed: u64, size: [u64; 3]) -> Cells {
-    // (250 is the number for VOID.)
+    // 250 is the nodata value.
     let hash = |[x, y, z]: [u64; 3]| Random(seed ^ (x + 1000 * (y + 1000 * z))).next() >> 7;
-    // Of the parts that halves along each axis make.
+    // Quadrants or octants of the space.
     let half = size.iter().max().unwrap().next_power_of_two() / 2;
     made(form, size, |cell| {
         let noise = common::value(form.value, hash(cell) % 250);
@@ -57,7 +59,7 @@ fn content(form: TreeType, content: Content, seed: u64, size: [u64; 3]) -> Cells
     })
 }
 
-/// Dense blocks of a file by the number of their kind, and its records at 0.
+/// Returns a file's dense blocks by kind number; its plain records are at 0.
 fn kinds(file: &Goblin) -> [usize; 8] {
     let mut kinds = [0; 8];
     for index in 0..file.segments() {
@@ -66,7 +68,7 @@ fn kinds(file: &Goblin) -> [usize; 8] {
     kinds
 }
 
-/// Shows number, mark and skip of all records of a segment, payloads left out.
+/// Calls `show` with number, mark and skip of all records of a segment, without payloads.
 fn each_place(file: &Goblin, index: usize, mut show: impl FnMut(usize, u8, u32)) {
     let segment = file.segment(index).unwrap();
     let mut at = 0;
@@ -76,7 +78,7 @@ fn each_place(file: &Goblin, index: usize, mut show: impl FnMut(usize, u8, u32))
     }
 }
 
-/// Any box in a level, or across its border.
+/// Returns a random box in a level or across its border.
 fn some_bounds(form: TreeType, side: u64, random: &mut Random) -> Bounds {
     let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
     for axis in 0..form.axes() {
@@ -92,7 +94,7 @@ fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
         .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
 }
 
-/// Windows, aligned and not, with flags and without.
+/// Checks windows, aligned and not, with and without flags.
 fn windows(file: &Goblin, tree: &MemTree, random: &mut Random) {
     let form = tree.form();
     let (width, fill) = (form.width(), common::value(form.value, 77));
@@ -119,7 +121,8 @@ fn windows(file: &Goblin, tree: &MemTree, random: &mut Random) {
     }
 }
 
-/// Single cells, and many at once: so many that nodes in dense blocks are in the table of the upper levels.
+/// Checks single cells and batches so large that nodes in dense blocks are in the table of the
+/// upper levels.
 fn points(file: &Goblin, tree: &MemTree, random: &mut Random) {
     let dimension = tree.form().dimension;
     for level in 0..=tree.depth() {
@@ -144,7 +147,7 @@ fn points(file: &Goblin, tree: &MemTree, random: &mut Random) {
     }
 }
 
-/// Statistics, histograms and searches in boxes, of numbers that can be added exactly.
+/// Checks statistics, histograms and searches in boxes, with numbers whose sums are exact.
 fn counts(file: &Goblin, cells: &Cells, random: &mut Random) {
     let value_type = cells.form.value;
     for _ in 0..8 {
@@ -227,7 +230,7 @@ fn every_type_comes_back() {
     }
 }
 
-/// Files that are cut so that their segments have all kinds of dense blocks.
+/// Returns files whose segments have all kinds of dense blocks.
 fn files_of_all_kinds() -> Vec<(Vec<u8>, Cells, MemTree)> {
     let mut files = Vec::new();
     for (form, side, reach, stride) in [
@@ -240,7 +243,7 @@ fn files_of_all_kinds() -> Vec<(Vec<u8>, Cells, MemTree)> {
         let cells = content(form, Content::Blocks, side, size);
         let (rule, kind) = (Rule::Max, DataKind::Categorical);
         let tree = cells.tree(rule);
-        // (By value, classes of more than one byte would have to be sorted in another way.)
+        // By value, multi-byte classes would need another sort order.
         let kind = if form.width() == 1 { kind } else { DataKind::Continuous };
         let cut = Cut { reach, stride, threshold: 1 };
         files.push((reference::goblin(&tree, size, (rule, kind), cut), cells, tree));
@@ -253,7 +256,7 @@ fn every_kind_is_written_and_read() {
     for (bytes, cells, tree) in files_of_all_kinds() {
         let file = Goblin::from_bytes(bytes).unwrap();
         assert!(kinds(&file)[..6].iter().all(|count| *count > 0), "{}: {:?}", cells.form, kinds(&file));
-        // (Verification compares all bytes with those that the library makes.)
+        // Verification compares all bytes with those that the library writes.
         assert_eq!(file.verify(1 << 20, &()).unwrap(), []);
         same_trees(&file, &tree);
         let mut random = Random(3);
@@ -266,7 +269,8 @@ fn every_kind_is_written_and_read() {
 
 #[test]
 fn files_of_several_segments_come_back() {
-    // Blocks of 256 cells along each axis are heavy: the root's segment has them cut off, as dense blocks.
+    // Blocks of 256 cells along each axis are heavy: the root's segment has them cut off, as dense
+    // blocks.
     let size = [900, 530, 1];
     let cells = content(QUAD, Content::Noise, 5, size);
     let tree = cells.tree(Rule::Mean);
@@ -279,7 +283,7 @@ fn files_of_several_segments_come_back() {
     windows(&file, &tree, &mut random);
     points(&file, &tree, &mut random);
     counts(&file, &cells, &mut random);
-    // (Sources come in the order of FD codes, slabs do not, and segments as they do.)
+    // Sources yield FD code order, slabs do not, and segments yield their own order.
     let in_order = goblin_from_tree(&tree, size, Rule::Mean, DataKind::Continuous);
     let view = view_of_file(file, size);
     assert!(goblin_from_view(&view, Rule::Mean, DataKind::Continuous) == in_order);
@@ -306,7 +310,7 @@ fn set_operations_and_views_make_the_files_of_arrays() {
             let found = goblin_from_combined(&made_of, rule, kind);
             assert!(found == goblin_bytes(&expected, rule, kind), "{form}, operation {number} {prefer:?}");
         }
-        // Over each other, where one is moved by whole blocks or by single cells, or is part of the other.
+        // Combine views, one moved by whole blocks or single cells, or contained in the other.
         for by in [[8, 16, 0], [3, 1, 0], [64, 0, 0]] {
             let moved = views[1].clone().translate(by.map(|by| by as f64)).unwrap();
             let expected = made(form, size, |cell| {
@@ -375,7 +379,7 @@ fn the_bytes_do_not_depend_on_threads() {
     assert!(one == build(2) && one == build(5));
 }
 
-/// Asks everything of a file with right checksums, and builds other files of it.
+/// Runs all queries on a file with valid checksums, and builds other files from it.
 fn survives(mut file: Vec<u8>) {
     seal::goblin(&mut file);
     ask_goblin(file.clone());
@@ -422,7 +426,7 @@ fn hostile_dense_blocks_do_no_harm() {
                 places.push((entry.offset as usize + (at + 1) * layout.size - skip_bytes, dense, skip));
             });
         }
-        // What every kind of dense block with so many levels would take.
+        // The lengths of all kinds of dense blocks with their numbers of levels.
         let lengths: Vec<u32> = places.iter().filter(|place| place.1 > 0).map(|place| place.2).collect();
         for round in 0..45 {
             let mut bytes = bytes.clone();
@@ -431,7 +435,7 @@ fn hostile_dense_blocks_do_no_harm() {
                 let some: Vec<_> = places.iter().filter(|place| (place.1 > 0) == dense).collect();
                 let (at, mark, skip) = *some[random.below(some.len() as u64) as usize];
                 let (mark, skip) = match random.below(6) {
-                    // Another kind, one that there is not, none.
+                    // Another kind, an unknown kind, or none.
                     0 => (random.below(8) as u8, skip),
                     // Longer or shorter, up to beyond the segment.
                     1 => (mark, skip + 1),
@@ -439,10 +443,10 @@ fn hostile_dense_blocks_do_no_harm() {
                         mark.max(1),
                         [0, 1, skip.saturating_sub(1), 2 * skip, (1 << skip_bits) - 1][round % 5],
                     ),
-                    // Another one's length: of other levels, or of records.
+                    // The length of another block, with other levels, or of records.
                     3 => (1 + random.below(5) as u8, lengths[random.below(lengths.len() as u64) as usize]),
                     _ => {
-                        // Masks, values and records that say something else.
+                        // Changed masks, values and records.
                         let end = (at + skip as usize * layout.size).min(bytes.len());
                         for _ in 0..40 {
                             let byte = at + random.below((end - at) as u64) as usize;

@@ -1,5 +1,5 @@
-//! Disks that fail at every write and every sync in turn: the error says so, nothing is left behind, and what was there is
-//! as it was.
+//! Disks that fail at each write and each sync in turn: the error reports it, no temporary file
+//! remains, and the old file is unchanged.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -19,17 +19,17 @@ use spinney::{
 
 use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
 
-/// The fate of the write or sync that fails.
+/// What happens to the write or sync that fails.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Failure {
     Error(io::ErrorKind),
     /// Half of it arrives, and the next write fails.
     Short(io::ErrorKind),
-    /// Writes bring half of what they should, and go on.
+    /// Each write transfers half of its bytes and reports success for those.
     Slow,
 }
 
-/// A disk that fails at one of its writes and syncs.
+/// A disk that fails at one of its writes or syncs.
 struct Failing {
     at: usize,
     failure: Failure,
@@ -69,12 +69,12 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     files
 }
 
-/// Has something written to a file of a name at every failure that is possible.
+/// Writes a file once for every possible failure.
 fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
     use io::ErrorKind::{Other, StorageFull};
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
-    // (Autumnal files are not replaced.)
+    // Autumnal files are not replaced.
     let keeps_old = !name.ends_with(".autumn");
     if keeps_old {
         std::fs::write(&path, "what was there").unwrap();
@@ -90,7 +90,7 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
         for at in 0.. {
             let (done, asked) = attempt(failure, at);
             let Err(error) = done else {
-                // Nobody came to the failure, or all that it had was one byte more.
+                // The failure was not reached, or only one more byte was due.
                 assert!(asked <= at + 1, "{name}: {failure:?} at {at} of {asked} was no error");
                 std::fs::remove_file(&path).unwrap();
                 break;
@@ -114,7 +114,7 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
             std::fs::write(&path, "what was there").unwrap();
         }
     }
-    // Disks that take less than they are given are no failure, and make no difference.
+    // Short writes are not failures and do not change the result.
     attempt(Failure::Slow, 0).0.unwrap();
     let slow = std::fs::read(&path).unwrap();
     std::fs::remove_file(&path).unwrap();
@@ -124,7 +124,7 @@ fn fails_well(name: &str, write: &dyn Fn(Output) -> Result<()>) {
 
 const MEMORY: u64 = 1 << 20;
 
-/// A tree file of noise, large enough for a few writes.
+/// Returns a tree file of noise, large enough for a few writes.
 fn noise(folder: &Path, name: &str) -> PathBuf {
     let path = folder.join(name);
     let cells = Cells::noise(QUAD, 1, [300, 250, 1], 200);
@@ -171,7 +171,7 @@ fn pictures() {
         let spec =
             ImageSpec { width, height, value, alpha: false, void: false, metadata: Default::default() };
         let mut random = Random(1);
-        // (Numbers whatever the bytes are.)
+        // The bytes are valid numbers in every type.
         let bytes: Vec<u8> =
             (0..(width * height) as usize * value.size()).map(|_| random.next() as u8 & 0x3f).collect();
         fails_well(name, &|output| {

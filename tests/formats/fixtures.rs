@@ -1,4 +1,4 @@
-//! The pictures in `fixtures/` are read as what they were made from.
+//! The images in `fixtures/` are read with their source values.
 
 use std::path::Path;
 

@@ -1,5 +1,6 @@
-//! Trees that have far more nodes than their files have room for, because records stand for many of them: what is asked
-//! takes the work of the records, and what would be written is known before.
+//! Trees with far more nodes than their files have bytes, because many nodes share records: the
+//! cost of queries is that of the records, and the size of outputs is predicted before they are
+//! written.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,8 +16,7 @@ use super::autumnal_hostile::{folded, folded_of, full};
 use super::counted::CountedFile;
 use crate::common::{QUAD, Random, byte, made};
 
-/// Reads that any question about all of the tree may take: some for each of the records on the way, of which there is one
-/// for each level.
+/// Maximum reads of a query of the whole tree: some for each record on the path, one per level.
 const FEW: u64 = 3000;
 
 fn write(folder: &Path, name: &str, bytes: &[u8]) -> PathBuf {
@@ -49,7 +49,7 @@ fn questions_take_the_work_of_the_records() {
         let (statistics, reads) = work.of(|| tree.statistics(None, &()).unwrap());
         assert!(reads < FEW, "statistics: {reads}");
         assert_eq!((statistics.cells, statistics.channels[0].mean), (cells, 2.0));
-        // A box of which only the left border cuts anything.
+        // A box of which only the left border cuts nodes.
         let half = Bounds { min: [side / 2 + 64, 0, 0], max: [side / 2 + 1024, 1024, 1] };
         let (statistics, reads) = work.of(|| tree.statistics(Some(half), &()).unwrap());
         assert!(reads < 20 * FEW, "statistics of a box: {reads}");
@@ -65,7 +65,7 @@ fn questions_take_the_work_of_the_records() {
 
 #[test]
 fn what_is_wrong_with_a_record_is_found_once() {
-    // Zones that tell of other cells.
+    // Zones that describe other cells.
     for depth in [12, 29] {
         let tree = dataset(folded_of(depth, [1, 2, 2, 2], full));
         let findings = tree.verify(1 << 20, &()).unwrap();
@@ -107,14 +107,15 @@ fn differences_are_counted_once_for_many_nodes() {
     let [first, second] = pair(29);
     let found =
         differences(&first, &second, &Default::default(), &Default::default(), &()).unwrap().differences;
-    // Cells 2 and 3 of each four; cell 3 and then cell 2 of the next four are no neighbours.
+    // Cells 2 and 3 of each four; cell 3 and cell 2 of the next four are not adjacent in FD code
+    // order.
     let (changed, runs) = (1 << 57, 1 << 56);
     assert_eq!(found, Differences { changed, blocks: changed, runs, ..Differences::default() });
     assert_eq!(
         differences(&first, &first, &Default::default(), &Default::default(), &()).unwrap().differences,
         Differences::default()
     );
-    // As one by one.
+    // The same as cell by cell.
     let [first, second] = pair(8);
     let mut runs = 0;
     let one_by_one = diff_files(&first, &second, &Default::default(), &Default::default(), &(), &mut |_| {
@@ -150,10 +151,10 @@ fn copies_that_share_take_the_work_of_the_records() {
     assert_eq!((commits[0].records, commits[0].written.records), (full(18) as u64, 9));
 }
 
-/// Bytes that outputs may have.
+/// Maximum size of outputs in bytes.
 const MOST: u64 = 1 << 20;
 
-/// The names in a folder.
+/// Returns the file names in a directory.
 fn names(folder: &Path) -> Vec<String> {
     let entries = std::fs::read_dir(folder).unwrap();
     entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
@@ -191,7 +192,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
     let output = Output::create(&folder.path().join("to.autumn")).unwrap().with_limit(MOST);
     let compacted = compact(&from, &CompactOptions::new(&Keep::Last(1), 1 << 24), output, &());
     assert!(matches!(compacted, Err(Error::InsufficientSpace { .. })));
-    // More than any disk has.
+    // More than any disk holds.
     let from = write(folder.path(), "from.autumn", &folded(29, full));
     let output = Output::create(&folder.path().join("to.goblin")).unwrap();
     let error = convert(&from, false, output, WriteOptions::new(1 << 24), &()).unwrap_err().to_string();
@@ -202,7 +203,7 @@ fn what_has_no_room_is_refused_before_it_is_written() {
 #[test]
 fn limits_hold_while_writing() {
     let folder = tempfile::tempdir().unwrap();
-    // Of a part of a file nobody knows how many nodes it has.
+    // The node count of a window of a file is unknown.
     let from = write(folder.path(), "from.autumn", &folded(18, full));
     let part = FileView { steps: vec!["window=1,1,1100,1100".parse().unwrap()], ..FileView::of(&from) };
     for name in ["to.goblin", "to.autumn"] {
@@ -212,7 +213,7 @@ fn limits_hold_while_writing() {
         let Error::Io { cause, .. } = &error else { panic!("{error}") };
         assert!(cause.to_string().contains(&MOST.to_string()), "{cause}");
         assert_eq!(names(folder.path()), ["from.autumn"]);
-        // As long as it may be.
+        // The maximum length that is allowed.
         transform(&part, Output::create(&path).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
         let length = std::fs::metadata(&path).unwrap().len();
         std::fs::remove_file(&path).unwrap();

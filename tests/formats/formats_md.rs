@@ -1,4 +1,4 @@
-//! The hex dumps in `formats.md` are what is written.
+//! The hex dumps in `formats.md` equal what is written.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -13,7 +13,7 @@ use spinney::{BuildOptions, Code, DataKind, Dimension, ExactModel, Metadata, Out
 use crate::common::reference::{self, Cut};
 use crate::common::{QUAD, byte};
 
-/// The text of a file of the project.
+/// Reads a text file of the project.
 fn text(name: &str) -> String {
     std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(name)).unwrap()
 }
@@ -31,8 +31,8 @@ fn block<'a>(text: &'a str, marker: &str) -> &'a str {
     after.split_once("\n```").expect("its end").0
 }
 
-/// The bytes of a dump whose lines are offset, bytes, meaning, with two spaces or more between them. Where a line of dots
-/// leaves some out, they are what they are in the whole.
+/// Returns the bytes of a dump whose lines are offset, bytes, meaning, separated by two or more
+/// spaces. A line of dots represents bytes copied from `whole`.
 fn dumped_of(dump: &str, whole: &[u8]) -> Vec<u8> {
     let mut bytes = whole[..usize::from_str_radix(dump.split("  ").next().unwrap(), 16).unwrap()].to_vec();
     let mut lines = dump.lines();
@@ -52,19 +52,19 @@ fn dumped_of(dump: &str, whole: &[u8]) -> Vec<u8> {
     bytes
 }
 
-/// The bytes of a dump that leaves nothing out.
+/// Returns the bytes of a dump without omissions.
 fn dumped(dump: &str) -> Vec<u8> {
     dumped_of(dump, &[])
 }
 
-/// The picture of section 16, as it stands there.
+/// Returns the image of section 16.
 fn picture(formats: &str) -> Vec<u8> {
     let (_, section) = formats.split_once("## 16.").unwrap();
     let rows = section.lines().filter(|line| line.starts_with("    ")).take(8);
     rows.flat_map(|row| row.split_whitespace().map(|cell| cell.parse::<u8>().unwrap())).collect()
 }
 
-/// The file of section 16.
+/// Returns the file of section 16.
 fn classic(packing: Packing) -> Vec<u8> {
     let cells = picture(&formats());
     assert_eq!(cells.len(), 64);
@@ -88,11 +88,11 @@ fn the_dump_is_what_the_builder_writes() {
 
 #[test]
 fn the_dump_of_a_packed_segment_is_what_the_builder_writes() {
-    // It is all that stands between the header and the directory.
+    // It covers all bytes between the header and the segment index.
     assert_eq!(assert_dumped("packed segment", &classic(Packing::packed()), 24), 37);
 }
 
-/// Fails unless a file has the bytes of the dump with a name, from an offset on.
+/// Checks that a file has the bytes of a named dump at an offset. Returns their number.
 fn assert_dumped(name: &str, file: &[u8], offset: usize) -> usize {
     let expected = dumped(block(&formats(), &format!("<!-- dump: {name} -->")));
     assert!(file[offset..].starts_with(&expected), "{name}");
@@ -107,7 +107,7 @@ fn the_dump_of_dense_blocks_is_what_the_second_writer_writes() {
     let written = reference::goblin(&tree, [8, 8, 1], (Rule::Mean, DataKind::Continuous), cut);
     let formats = formats();
     assert_eq!(dumped_of(block(&formats, "<!-- dump: dense blocks -->"), &written), written);
-    // And what the library makes of these cells, cut like this.
+    // The library writes the same bytes for these cells and cut parameters.
     assert_eq!(Goblin::from_bytes(written).unwrap().verify(1 << 20, &()).unwrap(), []);
 }
 
@@ -125,7 +125,7 @@ fn the_dumps_of_pointered_records_are_what_is_written() {
     };
     let file = std::fs::read(&path).unwrap();
     is_end(&file, assert_dumped("classic.autumn", &file, 12288));
-    // The same picture with 8 x 8 cells for one.
+    // The same image with 8 x 8 cells per pixel.
     let cells = picture(&formats());
     let cell = |[x, y, _]: [u32; 3]| Some(byte(cells[(y / 8 * 8 + x / 8) as usize]));
     let tree = MemTree::from_cells(QUAD, 6, Rule::Dominant, &cell);
@@ -147,7 +147,7 @@ fn the_dumps_of_pages_and_commits_are_those_of_the_frozen_file() {
     assert_eq!(assert_dumped("commit", &file, commit), 32 + length);
 }
 
-/// The tetrahedron of `formats.md`, built as it says there.
+/// Builds the tetrahedron of `formats.md` as described there.
 fn tetrahedron(path: &Path) {
     let grid = Grid { bits: 1, origin: [0; 3], step: 1.0, divisor: 1.0 };
     let output = Output::create(path).unwrap();
@@ -180,7 +180,8 @@ fn the_dump_of_an_exact_model_is_what_is_built() {
 
 #[test]
 fn tables_of_byte_positions_add_up() {
-    // In every table whose first columns are a position and a length, each row starts where the one before ended.
+    // In every table whose first columns are a position and a length, each row starts where the
+    // previous one ended.
     let formats = formats();
     let (mut tables, mut expected) = (BTreeMap::new(), None);
     for line in formats.lines() {

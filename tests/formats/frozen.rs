@@ -1,4 +1,4 @@
-//! Files of format version 1 are read as ever, and building the same gives the same bytes.
+//! Files of format version 1 remain readable, and building the same input gives the same bytes.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1").join(format!("{name}.goblin"))
 }
 
-/// A frozen file, found to be in order.
+/// Opens and verifies a frozen file.
 fn open(name: &str) -> Goblin {
     let positioned = Goblin::open(&fixture(name), &OpenOptions::new().positioned(64 << 20));
     assert_eq!(positioned.unwrap().verify(1 << 24, &()).unwrap(), []);
@@ -138,7 +138,7 @@ fn large() {
     let file = open("large");
     let expected = (quad(SampleType::F64, 1), Rule::Mean, DataKind::Continuous, [6, 8, 2, 4096], [50, 30, 1]);
     assert_eq!(numbers(file.header()), expected);
-    // (Of halves, which are exact.)
+    // Of halved values, which are exact.
     let cells = (0..1500).map(|index| 2.0 * (frozen::large(index % 50, index / 50) - 4e15));
     let (sum, squares) = cells.fold((0.0, 0.0), |(sum, squares), half| (sum + half, squares + half * half));
     let variance = (squares / 1500.0 - (sum / 1500.0f64).powi(2)) / 4.0;
@@ -168,7 +168,7 @@ fn classes() {
     assert_eq!(cell(&file, 8, [27, 78, 0]), Some(byte(island::Cover::Lake as u8)));
     assert_eq!(cell(&file, 8, [100, 70, 0]), Some(byte(island::Cover::Snow as u8)));
     assert_eq!(cell(&file, 8, [255, 255, 0]), None);
-    // (Dense blocks take fewer places than records would.)
+    // Dense blocks take fewer records than nodes would.
     assert_eq!((metadata.counts.records(), file.stored_records()), (3191, 3145));
 }
 
@@ -250,7 +250,7 @@ fn ball() {
     assert_eq!(numbers(file.header()), expected);
     assert_eq!(cell(&file, 0, [0; 3]), Some(byte(255)));
     assert_eq!((cell(&file, 5, [0; 3]), cell(&file, 5, [16; 3])), (None, Some(byte(255))));
-    // As full as it looks: 4/3 pi r^3 for r = 14.5.
+    // The volume of a ball: 4/3 pi r^3 for r = 14.5.
     let cells = file.zone(0).unwrap().cells;
     assert_eq!(cells, 12_712);
     assert!((cells as f64 - 12_770.0).abs() < 200.0);
@@ -276,7 +276,8 @@ fn segments() {
     assert_eq!((zone.cells, zone.min, zone.max), (300_000, byte(0), byte(120)));
 }
 
-/// A frozen exact model, plain and packed, found to be what is made now; mapped, and read at positions.
+/// Opens a frozen exact model, plain and packed, mapped and with positioned reads, and checks that
+/// it equals a new build.
 fn models(name: &str, make: fn(&Path, Codec) -> Result<()>) -> Vec<ExactModel> {
     let mut models = Vec::new();
     for (codec, end) in frozen::CODECS {
@@ -312,7 +313,7 @@ fn chapel() {
         model.face(model.len() - 1, &mut buffer).unwrap();
         let last = buffer.face();
         assert_eq!((last.part, last.source, last.colours[2]), (1, last.number + 2, frozen::PAINT[1]));
-        // One piece with a hole through it, a cavity, and a dome with another.
+        // One component with a through hole and a cavity, and a dome with another cavity.
         let euler = Topology::of(&model, &Default::default(), &()).unwrap().euler();
         assert_eq!((euler.shells, euler.genus, euler.rings, euler.boundaries), (4, Some(1), 2, 0));
         let nave = 20.0 * (10.0 * 8.0 + 10.0 * 5.0 / 2.0 - 4.0 * 4.0) - 2.0 * 4.0;
@@ -337,7 +338,7 @@ fn chapel() {
     }
 }
 
-/// The model with corners beside the grid, and all that is said of its parts.
+/// The model with off-grid vertices, and all metadata of its parts.
 #[test]
 fn crossing() {
     for model in models(frozen::CROSSING, frozen::make_crossing) {
@@ -357,8 +358,9 @@ fn crossing() {
     }
 }
 
-/// Its volume, from those of its convex parts and of what they have in common, in rational numbers.
+/// Its volume, computed in rational numbers from the volumes of its convex components and their
+/// intersections.
 const CROSSING: f64 = 4656.597168299902;
 
-/// Six times the volume of the dome in cubic centimetres, which is the sum of the determinants of its triangles.
+/// Six times the dome's volume in cubic centimetres: the sum of the determinants of its triangles.
 const DOME: i64 = 164_519_480;

@@ -1,4 +1,4 @@
-//! The corpus of fuzzing, replayed: seeds, and what fuzzing has found.
+//! Replays the fuzzing corpus: seeds and findings.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -29,7 +29,7 @@ fn the_corpus_does_no_harm() {
             let start = Instant::now();
             println!("{}", path.display());
             target(&bytes);
-            // With room for machines that are slow or busy.
+            // The limit allows for slow or busy machines.
             assert!(start.elapsed() < Duration::from_secs(5), "{}: {:?}", path.display(), start.elapsed());
         }
     }

@@ -18,7 +18,7 @@ fn round_trip(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataK
     same_trees(&file, &tree);
     assert_eq!(file.metadata().counts.records(), tree.inner_nodes() as u64);
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
-    // From a source: the same tree, the same bytes when written again.
+    // From a source: the same tree, and the same bytes when written again.
     let again = goblin_from_tree(&tree, size, rule, kind);
     same_trees(&Goblin::from_bytes(again.clone()).unwrap(), &tree);
     let file = view_of_file(file, size);
@@ -59,7 +59,7 @@ fn octrees_come_back() {
     round_trip(oct(U16, 1), 4, [128, 90, 30], Rule::Majority, DataKind::Categorical);
 }
 
-/// Which records, kernels and rules a file needs is decided at run time: none may be missed.
+/// Each file selects its records, kernels and rules at run time: every combination must be covered.
 #[test]
 fn every_type_comes_back_by_every_rule_in_both_dimensions() {
     for (i, value) in value_types().into_iter().enumerate() {
@@ -72,7 +72,8 @@ fn every_type_comes_back_by_every_rule_in_both_dimensions() {
     }
 }
 
-/// Means and majorities by going through all cells, for every node of a tree with several segments.
+/// Means and majorities for every node of a tree with several segments, against brute force over
+/// all cells.
 #[test]
 fn averages_are_exact_at_every_level() {
     let cells = Cells::random(QUAD, 5, [700, 600, 1], 9, true);
@@ -92,7 +93,7 @@ fn averages_are_exact_at_every_level() {
                 let expected_mean = (valid > 0).then(|| byte(((2 * sum + valid) / (2 * valid)) as u8));
                 assert_eq!(mean.value_at(code).unwrap(), expected_mean, "{code}");
                 let most = counts.iter().max().unwrap();
-                // (Which of several classes it is, the tests of ties say.)
+                // The tests of ties check which class it is.
                 let found = majority.value_at(code).unwrap();
                 assert_eq!(found.is_some(), valid > 0, "{code}");
                 assert!(found.is_none_or(|class| counts[as_byte(class) as usize] == *most), "{code}");
@@ -129,7 +130,7 @@ fn codes_come_in_preorder() {
 
 #[test]
 fn sums_of_floating_samples_keep_their_digits() {
-    // Multiples of 2^-60, so that the sum can be had exactly.
+    // Multiples of 2^-60, so that the sum can be computed exactly.
     let numbers = [0.1f64, 0.7, -3.3, 1.9];
     let exact = |number: f64| (number * 2f64.powi(60)) as i128;
     let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
@@ -142,7 +143,7 @@ fn sums_of_floating_samples_keep_their_digits() {
     };
     assert_eq!(exact(sum.high) + exact(sum.low), numbers.iter().map(|number| exact(*number)).sum::<i128>());
     assert!(sum.low != 0.0);
-    // And that of the squares.
+    // The sum of squares.
     let high = |number: f64| exact(number) >> 20;
     let low = |number: f64| exact(number) & 0xf_ffff;
     let product = |number: f64| {

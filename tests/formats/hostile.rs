@@ -1,4 +1,5 @@
-//! Damaged and crafted Goblin files: an error or the right answer, never a panic, a hang, or memory without bound.
+//! Corrupt and crafted Goblin files: an error or the right result, never a panic, a hang, or
+//! unbounded memory.
 
 use std::io::Write;
 use std::sync::LazyLock;
@@ -14,7 +15,7 @@ use crate::common::reference::{self, Cut};
 use crate::common::{Cells, OCT, QUAD, Random, goblin_bytes, quad, try_children};
 use crate::targets::seal;
 
-/// What a file says to every question, in a form that can be compared.
+/// A file's results for all queries, in a comparable form.
 type Answers = Vec<Result<String>>;
 
 fn digest(bytes: &[u8]) -> String {
@@ -69,7 +70,7 @@ fn search(tree: &Dataset) -> Result<String> {
     Ok(digest(&text))
 }
 
-/// Asks everything. The last answer is what `verify` finds.
+/// Runs all queries. The last result is that of `verify`.
 fn ask(file: Result<Goblin>) -> Answers {
     let file = match file {
         Ok(file) => file,
@@ -94,7 +95,7 @@ fn ask(file: Result<Goblin>) -> Answers {
     answers
 }
 
-/// Asks everything of the bytes in memory, mapped and read at positions.
+/// Runs all queries on the bytes in memory, mapped, and with positioned reads.
 fn ask_all(bytes: &[u8]) -> [Answers; 3] {
     let mut file = tempfile::NamedTempFile::new().unwrap();
     file.write_all(bytes).unwrap();
@@ -103,7 +104,8 @@ fn ask_all(bytes: &[u8]) -> [Answers; 3] {
     [ask(Goblin::from_bytes(bytes.to_vec())), open(OpenOptions::new()), open(positioned)]
 }
 
-/// Every answer is the good file's or an error, and `verify` (or opening) tells that there is damage.
+/// Checks that every result equals the valid file's or is an error, and that `verify` (or opening)
+/// reports corruption.
 fn damaged(bytes: &[u8], good: &Answers, what: &str) {
     for answers in ask_all(bytes) {
         if answers.len() == 1 {
@@ -145,7 +147,7 @@ pub(super) fn truncate_and_flip(bytes: &[u8], cuts: usize, flips: u64) {
     }
 }
 
-/// A small file of several segments.
+/// Returns a small file of several segments.
 pub(crate) fn map() -> &'static [u8] {
     static MAP: LazyLock<Vec<u8>> = LazyLock::new(|| {
         let cells = Cells::random(QUAD, 8, [400, 380, 1], 60, true);
@@ -188,14 +190,14 @@ fn damage_to_files_that_are_cut_everywhere_is_found() {
 
 pub(crate) const HEADER: usize = 24;
 
-/// A file taken apart, to be put together with right checksums and wrong contents.
+/// A file split into components, to be reassembled with valid checksums and invalid contents.
 #[derive(Clone)]
 struct Craft {
     header: Vec<u8>,
     segments: Vec<u8>,
     entries: Vec<Vec<u8>>,
     metadata: Vec<u8>,
-    /// The layer in the table, of which places and checksums are made anew.
+    /// The layer's table entry, whose offsets and checksums are recomputed.
     layer: Vec<u8>,
     unknown_section: bool,
 }
@@ -271,7 +273,7 @@ impl Craft {
         file
     }
 
-    /// Record `record` of the segment of entry `entry`: four values, states, skip.
+    /// Returns record `record` of entry `entry`'s segment: four values, states, skip.
     fn record(&mut self, entry: usize, record: usize) -> &mut [u8] {
         let start = number(&self.entries[entry], 8) as usize + 8 * record;
         &mut self.segments[start..start + 8]
@@ -281,7 +283,7 @@ impl Craft {
         self.record(entry, record)[5..].copy_from_slice(&skip.to_le_bytes()[..3]);
     }
 
-    /// The first record in the root's segment with a child in this state, and the child.
+    /// Returns the first record in the root's segment with a child in this state, and the child.
     fn child_in_state(&mut self, state: u8) -> (usize, usize) {
         let records = u32::from_le_bytes(self.entries[0][24..28].try_into().unwrap()) as usize;
         let places = (0..records).flat_map(|record| (0..4).map(move |child| (record, child)));
@@ -297,7 +299,7 @@ impl Craft {
     }
 }
 
-/// Asks everything of a crafted file: quick, whatever it says.
+/// Runs all queries on a crafted file within a time limit, whatever the results.
 fn survives(bytes: &[u8], what: &str) -> [Answers; 3] {
     let start = Instant::now();
     let answers = ask_all(bytes);
@@ -305,7 +307,7 @@ fn survives(bytes: &[u8], what: &str) -> [Answers; 3] {
     answers
 }
 
-/// Crafted so that some question cannot be answered.
+/// Checks that a crafted file makes some query fail.
 fn refused(craft: &Craft, what: &str) {
     for answers in survives(&craft.bytes(), what) {
         let told =
@@ -362,7 +364,7 @@ fn states_that_lead_astray() {
         let records = number(&craft.entries[0], 24) as u32 as usize;
         (0..records).for_each(|record| craft.record(0, record)[4] = 0xff);
     });
-    // A chain of records, each the only child of the one before, deeper than the tree.
+    // A chain of records, each the only child of the previous one, deeper than the tree.
     crafted("records nested without end", |craft| {
         let records = number(&craft.entries[0], 24) as u32;
         for record in 0..records {
@@ -380,7 +382,7 @@ fn directories_that_lead_astray() {
     for at in [8, 16] {
         for wrong in [0, 1, 1 << 20, 1 << 63, u64::MAX, u64::MAX - 60] {
             let mut craft = good();
-            // (The first segment stands at 0.)
+            // The first segment is at 0.
             if number(&craft.entries[1], at) != wrong {
                 set(&mut craft.entries[1], at, wrong);
                 refused(&craft, &format!("number {wrong} at {at} of an entry"));
@@ -420,7 +422,7 @@ fn directories_that_lead_astray() {
     memory_stays_bounded();
 }
 
-/// Thousands of entries that all have the same bytes: work must be as for the file's size.
+/// Thousands of entries with the same bytes: the work must be proportional to the file's size.
 #[test]
 fn many_segments_of_the_same_bytes_cost_little() {
     if !is_alone("hostile::many_segments_of_the_same_bytes_cost_little") {
@@ -478,7 +480,7 @@ fn headers_that_lie() {
             survives(&craft.bytes(), &format!("{wrong} at {at} of the tree's header"));
         }
     }
-    // Where run, crown and directory are.
+    // Offsets of the run, the top levels and the segment index.
     for at in [88, 104, 112] {
         for wrong in [0, 1, 1025, 1 << 63, u64::MAX] {
             let mut craft = good();

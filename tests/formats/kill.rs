@@ -1,4 +1,5 @@
-//! Builders that die, are stopped, or find the disk full: the old file or the new one, never something between.
+//! Builders that are killed, stopped, or find the disk full leave the old file or the new one,
+//! never an intermediate state.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output as Run, Stdio};
@@ -15,7 +16,7 @@ use crate::common::command::interruptible;
 
 const SIDE: u64 = 4000;
 
-/// A folder with a picture that takes a while and the tree of a small one.
+/// A directory with an image that takes a while to build and the tree of a small one.
 struct Place {
     folder: TempDir,
     picture: PathBuf,
@@ -42,7 +43,7 @@ impl Place {
         names
     }
 
-    /// Nothing has changed, and nothing was left behind.
+    /// Checks that nothing has changed and no temporary file remains.
     fn untouched(&self) {
         assert!(std::fs::read(&self.output).unwrap() == self.old);
         assert_eq!(self.files(), ["large.tif", "out.goblin", "small.tif"]);
@@ -79,8 +80,8 @@ fn start(mut program: Command, input: &Path, output: &Path) -> Child {
     program.stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Builds with files limited to some blocks of 512 or 1024 bytes; going beyond kills who does not ignore or
-/// handle that.
+/// Builds with a file size limit of some blocks of 512 or 1024 bytes. Exceeding it kills a process
+/// that does not ignore or handle the signal.
 fn build_within(blocks: u32, place: &Place) -> Run {
     let script = format!("ulimit -f {blocks}; exec \"$@\"");
     let mut command = Command::new("sh");
@@ -105,14 +106,14 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
         std::fs::write(&place.output, &place.old).unwrap();
         let mut child = build(&place.picture, &place.output);
         sleep(time.mul_f64(random.below(1100) as f64 / 1000.0));
-        // It may be through already.
+        // It may have finished already.
         let _ = child.kill();
         child.wait().unwrap();
         let bytes = std::fs::read(&place.output).unwrap();
         assert!(bytes == place.old || bytes == new, "{} bytes", bytes.len());
         assert!(open(&place.output, &Default::default()).is_ok());
     }
-    // What the killed ones left behind, the next one removes, except what somebody is writing.
+    // The next builder removes the temporary files of killed ones, except those in use.
     let left = |random: &str| place.folder.path().join(format!(".out.goblin.{random}.partial"));
     std::fs::write(left("abc123"), "left behind").unwrap();
     std::fs::write(left("not-ours"), "somebody's").unwrap();
@@ -122,7 +123,7 @@ fn a_killed_builder_leaves_the_old_file_or_the_new_one() {
     let expected = [".out.goblin.DEF456.partial", ".out.goblin.not-ours.partial"];
     assert_eq!(place.files()[..2], expected);
     assert_eq!(place.files()[2..], ["large.tif", "out.goblin", "small.tif"]);
-    // Both are whole.
+    // Both are complete.
     for bytes in [&place.old, &new] {
         std::fs::write(&place.output, bytes).unwrap();
         let tree = open(&place.output, &Default::default()).unwrap();
@@ -148,7 +149,7 @@ fn an_interrupted_builder_leaves_nothing() {
     for name in ["INT", "TERM"] {
         let Some(program) = interruptible(PROGRAM) else { return };
         let child = start(program, &place.picture, &place.output);
-        // The handler must be in place: the temporary file comes after it.
+        // The handler must be installed: the temporary file is created after it.
         let start = Instant::now();
         while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
             sleep(Duration::from_millis(1));
@@ -163,7 +164,7 @@ fn an_interrupted_builder_leaves_nothing() {
     }
 }
 
-/// Waits until a builder has begun to write, by when it has its handlers.
+/// Waits until a builder has begun to write; its handlers are then installed.
 fn wait_for_output(place: &Place) {
     let start = Instant::now();
     while place.files().len() == 3 && start.elapsed() < Duration::from_secs(5) {
@@ -205,7 +206,7 @@ fn a_second_signal_leaves_nothing_either() {
         wait_for_output(&place);
         signal(&child, "TERM");
         sleep(Duration::from_millis(wait));
-        // It may have come to its end by now.
+        // It may have finished by now.
         let _ = Command::new("kill").args(["-s", "INT", &child.id().to_string()]).output();
         assert_eq!(child.wait_with_output().unwrap().status.code(), Some(130));
         place.untouched();
@@ -219,7 +220,7 @@ fn outputs_follow_symbolic_links_and_have_long_names() {
     let elsewhere = tempfile::tempdir().unwrap();
     let (link, target) = (place.folder.path().join("link.goblin"), elsewhere.path().join("real.goblin"));
     std::os::unix::fs::symlink(&target, &link).unwrap();
-    // There is nothing at its end, and then there is.
+    // First without a file at the link's target, then with one.
     for old in [&b""[..], b"old"] {
         if !old.is_empty() {
             std::fs::write(&target, old).unwrap();
@@ -240,7 +241,7 @@ fn devices_are_written_to_and_stay_what_they_are() {
     use std::os::unix::fs::FileTypeExt;
     let folder = tempfile::tempdir().unwrap();
     let fixture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
-    // A pipe stands for all that is no file: a test must not put a real device at risk.
+    // A pipe represents all non-files: a test must not put a real device at risk.
     let pipe = folder.path().join("pipe");
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let reader = std::thread::spawn({

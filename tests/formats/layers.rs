@@ -1,4 +1,5 @@
-//! Files of several layers: each is the tree that it would be alone, whatever stands beside it.
+//! Files of several layers: each layer equals the tree that it would be alone, whatever the other
+//! layers are.
 
 use std::path::{Path, PathBuf};
 
@@ -28,12 +29,12 @@ struct Layer {
     depth: u8,
 }
 
-/// Layers of all types, some of larger cells, that lie in a space of 2^9 cells.
+/// Returns layers of all types, some with larger cells, in a space of 2^9 cells.
 fn random_layers(count: usize, seed: u64) -> Vec<Layer> {
     layers_of(300, count, seed)
 }
 
-/// Such layers of about so many of the smallest cells a side.
+/// Returns such layers of about `most` of the smallest cells per side.
 fn layers_of(most: u64, count: usize, seed: u64) -> Vec<Layer> {
     let mut random = Random(seed);
     let types = value_types();
@@ -64,7 +65,7 @@ fn write(layers: &[Layer], path: &Path) {
     file.finish().unwrap();
 }
 
-/// All cells of a dataset, and those of some coarser levels.
+/// Returns all cells of a dataset, and those of some coarser levels.
 fn windows(tree: &Dataset) -> Vec<(Vec<u8>, Vec<bool>)> {
     let window = |level: u8| {
         let bounds = tree.extent_at(level);
@@ -84,7 +85,7 @@ fn same(found: &Dataset, expected: &Dataset) {
     assert_eq!(found, expected);
 }
 
-/// The run of a layer in a file's bytes.
+/// Returns the run of a layer in a file's bytes.
 fn run(file: &[u8], number: usize) -> &[u8] {
     let layer = seal::layers(file)[number];
     let (start, length) = (seal::long(file, layer + 88) as usize, seal::long(file, layer + 96) as usize);
@@ -122,7 +123,7 @@ fn each_layer_is_the_tree_that_it_would_be_alone() {
             }
             assert!(file.layer("no such").is_err());
         }
-        // To the other format and back: the same bytes.
+        // Converting to the other format and back gives the same bytes.
         spinney::convert(&autumn, false, Output::create(&back).unwrap(), WriteOptions::new(1 << 24), &())
             .unwrap();
         assert!(std::fs::read(&back).unwrap() == bytes);
@@ -134,7 +135,7 @@ fn bytes_do_not_depend_on_the_order_of_the_input() {
     let folder = tempfile::tempdir().unwrap();
     let cells = Cells::random(quad(SampleType::U16, 1), 5, [1100, 700, 1], 9, true);
     let [rows, tree] = ["rows.goblin", "tree.goblin"].map(|name| folder.path().join(name));
-    // In bands of rows, which is not the order of the file, and node by node.
+    // In bands of rows, which differs from the file's order, and node by node.
     std::fs::write(&rows, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     spinney::convert(&rows, false, Output::create(&tree).unwrap(), WriteOptions::new(1 << 24), &()).unwrap();
     assert!(std::fs::read(&rows).unwrap() == std::fs::read(&tree).unwrap());
@@ -178,14 +179,14 @@ fn layers_come_and_go() {
     }
 }
 
-/// A layer of another grid than the file's is refused; one of larger cells takes its place.
+/// A layer whose grid does not match the file's is rejected; one with larger cells is accepted.
 #[test]
 fn layers_lie_in_one_frame() {
     let folder = tempfile::tempdir().unwrap();
     let [path, other] = ["s.goblin", "other.goblin"].map(|name| folder.path().join(name));
     let layers = random_layers(1, 3);
     write(&layers, &path);
-    // (Cells of 3 and of half a cell are resampled to the file's.)
+    // Cells of 3 and of half a cell are resampled to the file's.
     for (matrix, begins_before) in
         [(1.0, false), (2.0, false), (8.0, false), (3.0, false), (0.5, false), (3.5, true)]
     {
@@ -212,7 +213,7 @@ fn layers_lie_in_one_frame() {
     assert_eq!(depths, [depth, depth, depth - 1, depth - 3, depth, depth]);
 }
 
-/// Every commit is one state of all layers; what an edit leaves alone keeps its root.
+/// Each commit is one state of all layers; a layer that an edit does not change keeps its root.
 #[test]
 fn edits_of_one_layer_leave_the_others() {
     let folder = tempfile::tempdir().unwrap();
@@ -224,7 +225,7 @@ fn edits_of_one_layer_leave_the_others() {
     let bounds = Bounds { min: [3, 4, 0], max: [40, 30, 1] };
     let fill = || Ok(Edit::Fill(FillRegion::Box(bounds), None));
     spinney::edit::edit(&name, [fill()], Note::default(), 1 << 24, &()).unwrap().unwrap();
-    // (A file of several layers is edited by the layer's name.)
+    // A file of several layers is edited by the layer's name.
     let file = spinney::open(&path).unwrap();
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
     for (number, before) in before.iter().enumerate() {
@@ -239,7 +240,7 @@ fn edits_of_one_layer_leave_the_others() {
         History::open(&path, &OpenOptions::new()).unwrap().commits().map(Result::unwrap).collect();
     assert!(commits.iter().all(|commit| commit.layers().len() == 3));
     assert!(commits[0].written.bytes < commits[1].written.bytes / 4, "{commits:?}");
-    // Back to the first: one layer is what it was.
+    // Revert to the first commit: one layer is restored.
     spinney::edit::edit(&name, [Ok(Edit::Revert(1))], Note::default(), 1 << 24, &()).unwrap().unwrap();
     assert!(windows(&layer_of(&path, 1)) == before[1]);
     // Compacted, with all layers.
@@ -285,7 +286,7 @@ fn names_of_layers_are_different_ones() {
     }
 }
 
-/// Directories of so many segments that the index over their pages has two levels.
+/// Segment indexes so large that the index over their pages has two levels.
 #[test]
 fn directories_of_very_many_segments_are_found() {
     let size = [700, 690, 1];
@@ -315,7 +316,7 @@ fn directories_of_very_many_segments_are_found() {
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
 }
 
-/// Tables of layers that lie: an error, or an answer that does no harm.
+/// Layer tables with false entries: an error or a harmless result.
 #[test]
 fn tables_of_layers_that_lie() {
     if !is_alone("layers::tables_of_layers_that_lie") {
@@ -323,7 +324,7 @@ fn tables_of_layers_that_lie() {
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("s.goblin");
-    // (Small ones, because all is asked of each of thousands of files.)
+    // The layers are small, because all queries run on each of thousands of files.
     write(&layers_of(90, 3, 21), &path);
     let file = std::fs::read(&path).unwrap();
     let tables = seal::layers(&file);
@@ -342,7 +343,7 @@ fn tables_of_layers_that_lie() {
             }
         }
     }
-    // Runs on top of each other, and a layer twice.
+    // Overlapping runs, and a duplicate layer.
     let [first, second] = [0, 1].map(|number| seal::layers(&file)[number]);
     let mut twice = file.clone();
     twice.copy_within(first..first + 54, second);
@@ -383,7 +384,8 @@ fn a_hundred_layers() {
     }
 }
 
-/// The shortest path that leads to a file counts, so that layers' names may have whatever paths and commits have.
+/// The shortest path that names an existing file wins, so that layer names may contain any
+/// characters of paths and commits.
 #[test]
 fn places_in_files() {
     let folder = tempfile::tempdir().unwrap();
@@ -404,13 +406,13 @@ fn places_in_files() {
         ("s.autumn@12:B08@3", "s.autumn", Some(12), Some("B08@3")),
         ("s.autumn:B08@3", "s.autumn", None, Some("B08@3")),
         ("s.autumn:@3", "s.autumn", None, Some("@3")),
-        // What there is counts as it is.
+        // Existing files take precedence.
         ("odd@7", "odd@7", None, None),
         ("odd@7:x", "odd@7:x", None, None),
         ("odd@7:y@8", "odd@7", None, Some("y@8")),
         ("folder:1/t.autumn@2:x", "folder:1/t.autumn", Some(2), Some("x")),
         ("folder:1/t.autumn:x@2", "folder:1/t.autumn", None, Some("x@2")),
-        // Where there is nothing, a commit is looked for, but no layer.
+        // Without a file, a commit is parsed, but no layer.
         ("gone.autumn@2", "gone.autumn", Some(2), None),
         ("gone.autumn:x", "gone.autumn:x", None, None),
         ("s.autumn@x", "s.autumn@x", None, None),
@@ -420,14 +422,14 @@ fn places_in_files() {
         let place = FileReference::of(&whole);
         let found = (place.file.to_path_buf(), place.commit, place.layer.as_deref());
         assert_eq!(found, (path(file), commit, layer), "{text}");
-        // And back.
+        // The inverse.
         if let Some(layer) = layer {
             assert_eq!(place.of_layer(layer), whole);
         }
     }
 }
 
-/// A layer whose name looks like a commit is found, and so are those of commits.
+/// Layers whose names look like commits are found, also within commits.
 #[test]
 fn layers_are_named_like_commits() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,5 +1,5 @@
-//! What a crash at any instant, a failing disk or a killed program leaves of a file of several layers: all of them as they are in
-//! the last commit, or all as in the one before.
+//! After a crash at any time, a disk failure or a killed program, a file of several layers has all
+//! layers as in the last commit, or all as in the one before.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -20,14 +20,14 @@ use crate::common::{Cells, QUAD, Random, assert_same, cells_of, goblin, options,
 use crate::targets::disk::{Disk, Event, put};
 
 const SECTOR: usize = 512;
-/// Levels of the file's space.
+/// Depth of the file's space.
 const DEPTH: u8 = 6;
 
 /// All layers of a file, in their order.
 #[derive(Clone)]
 struct Stack(Vec<(String, Cells)>);
 
-/// Kinds of the layers: bytes and floats on the file's cells, and colours on larger ones.
+/// Types of the layers: bytes and floats on the file's cells, and colours on larger ones.
 const KINDS: [(TreeType, [u64; 3]); 3] =
     [(QUAD, [40, 33, 1]), (quad(SampleType::U16, 2), [20, 17, 1]), (quad(SampleType::F32, 1), [37, 40, 1])];
 
@@ -65,7 +65,7 @@ impl Stack {
         std::fs::read(&path).unwrap()
     }
 
-    /// Gives some cells of a layer other values.
+    /// Changes some cells of a layer.
     fn set(&mut self, editor: &mut Editor, number: usize, random: &mut Random) -> Result<()> {
         let (name, cells) = &mut self.0[number];
         editor.select(name)?;
@@ -94,15 +94,15 @@ impl Stack {
     }
 }
 
-/// The header that a layer of such cells has.
+/// Returns the header of a layer with these cells.
 fn header(cells: &Cells) -> Header {
     goblin(cells, Rule::Mean, DataKind::Continuous).header().clone()
 }
 
-/// Changes several layers, adds and drops some, or goes back to an older commit; then commits.
+/// Changes several layers, adds and drops some, or reverts to an older commit; then commits.
 fn change(editor: &mut Editor, random: &mut Random, commits: &mut Vec<Stack>) -> Result<()> {
     let mut stack = commits.last().unwrap().clone();
-    // (What is not told as done may have been done.)
+    // A change that was not reported as done may have been done.
     let changed = (|| {
         match random.below(5) {
             0 => {
@@ -134,8 +134,8 @@ fn change(editor: &mut Editor, random: &mut Random, commits: &mut Vec<Stack>) ->
     changed.map(drop)
 }
 
-/// The number of the commit that is found in some bytes, after checking that all its layers are as they were made; of some also that all
-/// commits are good.
+/// Returns the number of the commit found in some bytes, after checking that all its layers are as
+/// committed; with `verify`, also that all commits are valid.
 fn found(bytes: Vec<u8>, commits: &[Stack], verify: bool) -> usize {
     let file = Autumnal::from_bytes(bytes).unwrap();
     let number = file.commit().number as usize;
@@ -154,8 +154,8 @@ fn found(bytes: Vec<u8>, commits: &[Stack], verify: bool) -> usize {
     number
 }
 
-/// What is on the disk if the power fails while some writes wait: none or all of them, a piece of them that ends at any byte, some
-/// of their sectors, or of small ones some of their bytes.
+/// Returns the disk's contents after a power failure with pending writes: none or all of them, a
+/// prefix ending at any byte, some of their sectors, or some bytes of small writes.
 fn image(durable: &[u8], pending: &[(u64, Vec<u8>)], attempt: u64, random: &mut Random) -> Vec<u8> {
     let mut image = durable.to_vec();
     let total: usize = pending.iter().map(|(_, bytes)| bytes.len()).sum();
@@ -200,7 +200,7 @@ fn every_crash_leaves_all_layers_of_one_commit() {
         let begin = commits[0].bytes();
         let disk = Disk::new(begin.clone());
         let mut editor = disk.editor().unwrap();
-        // How many commits there are after so many events.
+        // Number of events after each commit.
         let mut ends = Vec::new();
         for _ in 0..14 {
             change(&mut editor, &mut random, &mut commits).unwrap();
@@ -249,7 +249,7 @@ fn after_a_failure_the_next_editor_goes_on_with_all_layers() {
             let mut editor = disk.editor()?;
             for _ in 0..30 {
                 if let Err(error) = change(&mut editor, &mut random, &mut commits) {
-                    // The disk is well again, but nobody knows what is on it.
+                    // The disk works again, but its contents are unknown.
                     disk.state().good = usize::MAX;
                     let events = disk.state().events.len();
                     let mut stack = commits[0].clone();
@@ -268,7 +268,7 @@ fn after_a_failure_the_next_editor_goes_on_with_all_layers() {
         let left = disk.state().bytes.clone();
         let number = found(left, &commits, true);
         assert!(number + 1 >= commits.len(), "commit {number} of {}", commits.len());
-        // The next editor goes on from there.
+        // The next editor continues from that state.
         commits.truncate(number);
         let mut next = disk.editor().unwrap();
         for _ in 0..3 {
@@ -281,7 +281,7 @@ fn after_a_failure_the_next_editor_goes_on_with_all_layers() {
     assert_eq!(failures, 40);
 }
 
-/// All cells of all layers of a file, with their names, if all is good.
+/// Verifies a file and returns the names and all cells of all layers.
 fn whole(path: &Path) -> Vec<(String, Cells)> {
     let file = spinney::open(path).unwrap();
     let mut findings = file.verify(1 << 24, &()).unwrap();
@@ -295,7 +295,7 @@ fn whole(path: &Path) -> Vec<(String, Cells)> {
     file.layers().unwrap().into_iter().map(layer).collect()
 }
 
-/// Programs that are killed while they add, drop and edit layers, or bring all of them back.
+/// Programs that are killed while they add, drop, edit or revert layers.
 #[test]
 fn killed_programs_leave_all_layers_or_none_of_a_change() {
     let folder = tempfile::tempdir().unwrap();
@@ -324,7 +324,7 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
                 _ if has_other => arguments.extend(["drop-layer", "other"]),
                 _ => arguments.extend(["add-layer", &added]),
             }
-            // What it makes of the file if nothing happens to it.
+            // The result of an undisturbed run.
             let copy = folder.path().join(format!("copy.{name}"));
             std::fs::copy(&path, &copy).unwrap();
             let run = |path: &str| {
@@ -345,9 +345,9 @@ fn killed_programs_leave_all_layers_or_none_of_a_change() {
             changes += usize::from(!same(&now, &before));
             before = now;
         }
-        // (How many are killed in time depends on the machine.)
+        // How many are killed in time depends on the machine.
         println!("{name}: {killed} of 24 were killed, {changes} changed something");
-        // Whatever a killed one has left does not keep the next one away.
+        // Remains of a killed program do not block the next one.
         let added = spinney::FileView::of(&other);
         spinney::raw::ops::add_layer(
             &path,

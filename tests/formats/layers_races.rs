@@ -1,4 +1,5 @@
-//! Readers and writers that meet at files of several layers: what is opened is one commit of all layers, whatever others do meanwhile.
+//! Concurrent readers and writers of files of several layers: an opened file shows one commit of
+//! all layers, whatever other processes do.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -28,7 +29,7 @@ const LAYERS: [(&str, TreeType, [u64; 3]); 3] = [
     ("c", quad(SampleType::F32, 1), [90, 70, 1]),
 ];
 
-/// A file whose layers have the number 1 in all cells.
+/// Returns a file whose layers have the number 1 in all cells.
 fn file(name: &str) -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -45,7 +46,7 @@ fn file(name: &str) -> (TempDir, PathBuf) {
     (folder, path)
 }
 
-/// The number that all cells of a layer have.
+/// Returns the number that all cells of a layer have.
 fn number_of(tree: &Dataset) -> f64 {
     let statistics = tree.statistics(None, &()).unwrap();
     let [width, height, _] = tree.header().extent;
@@ -58,7 +59,7 @@ fn number_of(tree: &Dataset) -> f64 {
     channel.mean
 }
 
-/// Gives all cells of all layers a number, and commits.
+/// Sets all cells of all layers to a number, and commits.
 fn fill_all(editor: &mut Editor, number: f64) {
     for (name, _, size) in LAYERS {
         editor.select(name).unwrap();
@@ -68,7 +69,7 @@ fn fill_all(editor: &mut Editor, number: f64) {
     editor.commit(Note::default()).unwrap().unwrap();
 }
 
-/// Threads and processes that look at all layers while they get numbers that are those of their commits.
+/// Threads and processes read all layers while a writer sets them to the number of the commit.
 #[test]
 fn what_is_opened_is_one_commit_of_all_layers() {
     const COMMITS: u64 = 120;
@@ -89,7 +90,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
                         looks.fetch_add(1, Ordering::Relaxed);
                         continue;
                     }
-                    // Opened anew, or moved on.
+                    // Opened again, or refreshed.
                     let tree = match held.take() {
                         Some(mut tree) if reader == 1 => {
                             tree.refresh().unwrap();
@@ -115,7 +116,7 @@ fn what_is_opened_is_one_commit_of_all_layers() {
             fill_all(&mut editor, commit as f64);
             thread::sleep(Duration::from_millis(2));
         }
-        // (On a busy machine readers come late.)
+        // On a busy machine readers start late.
         while looks.load(Ordering::Relaxed) < 30 {
             thread::sleep(Duration::from_millis(5));
         }
@@ -166,7 +167,7 @@ fn who_edits_one_layer_edits_the_file() {
     assert_eq!((tree.commit().unwrap().number, tree.layers().unwrap().len()), (1, 3));
 }
 
-/// A file of one layer that lies in the frame of the others.
+/// Returns a file of one layer in the frame of the others.
 fn other(folder: &Path) -> PathBuf {
     let path = folder.join("other.goblin");
     let cells = Cells::random(QUAD, 4, [80, 70, 1], 7, true);
@@ -174,7 +175,8 @@ fn other(folder: &Path) -> PathBuf {
     path
 }
 
-/// Several add layers to one file at the same time, and drop them: who is not told of a failure has done it.
+/// Several writers add layers to one file concurrently, and drop them: each operation without an
+/// error has taken effect.
 #[test]
 fn nobody_loses_a_layer_that_another_one_adds() {
     for name in ["s.goblin", "s.autumn"] {
@@ -223,12 +225,12 @@ fn nobody_loses_a_layer_that_another_one_adds() {
         assert_eq!(names, expected, "{name}");
         assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
         println!("{name}: {} were told to wait", refused.into_inner());
-        // Nothing is left behind.
+        // No temporary file remains.
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), 2);
     }
 }
 
-/// Old readers have all layers of their commit, whatever becomes of the file.
+/// Readers of an old commit see all its layers, whatever happens to the file.
 #[test]
 fn readers_of_an_old_commit_go_on() {
     let (folder, path) = file("s.autumn");
@@ -290,7 +292,8 @@ fn readers_of_an_old_commit_go_on() {
         check(&old);
         assert_eq!(open(&path, &OpenOptions::new()).unwrap().verify(1 << 24, &()).unwrap(), []);
     }
-    // Who moves on is at the same layer of what is there now; where it is gone, it stays, and says so.
+    // A refreshed reader shows the same layer of the current file; if that is gone, it stays and
+    // reports it.
     add_layer(&path, "before", &FileView::of(&other), Note::default(), WriteOptions::new(MEMORY), &())
         .unwrap();
     drop_layer(&path, "b", Note::default(), &Default::default(), &()).unwrap();
@@ -306,7 +309,7 @@ fn readers_of_an_old_commit_go_on() {
     }
 }
 
-/// A reader of a layer whose name is a number does not come to another one that has this number in the list.
+/// A reader of a layer whose name is a number does not move to the layer with that index.
 #[test]
 fn moving_on_is_by_name() {
     let (folder, path) = file("s.autumn");

@@ -1,4 +1,4 @@
-//! The two file formats: what is written, what is read back, what damage and crashes leave, and what their specification says.
+//! The two file formats: writing, reading, corruption, crashes, and the specification.
 
 #[path = "../common/mod.rs"]
 mod common;

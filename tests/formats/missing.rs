@@ -1,4 +1,4 @@
-//! Samples that are missing in single channels of cells: left out of everything that is made of many cells.
+//! Samples missing in single channels of cells are excluded from all aggregates.
 
 use std::path::Path;
 
@@ -14,7 +14,8 @@ use crate::common::{Cells, Random};
 const SIZE: [u64; 3] = [700, 300, 1];
 const MISSING: f64 = 9.0;
 
-/// Cells of numbers from 0 to 200, of which many are missing, also in whole blocks; all missing is VOID.
+/// Cells of numbers from 0 to 200, of which many are missing, also in whole blocks. Cells with no
+/// samples are VOID.
 fn cells(value_type: ValueType, seed: u64) -> Cells {
     let mut random = Random(seed);
     let mut cells = Vec::new();
@@ -43,7 +44,7 @@ fn write(path: &Path, cells: &Cells, rule: Rule) -> Dataset {
     tree
 }
 
-/// The samples of each channel that the cells of a box have.
+/// Returns the samples per channel of the cells of a box.
 fn samples(cells: &Cells, bounds: &Bounds) -> Vec<Vec<f64>> {
     let mut samples = vec![Vec::new(); usize::from(cells.form.value.channels)];
     for y in bounds.min[1]..bounds.max[1].min(SIZE[1]) {
@@ -92,7 +93,7 @@ fn representatives_are_of_the_cells_that_have_a_sample() {
                 tree.window(level, &bounds, MISSING, &mut bytes, None).unwrap();
                 bytes
             });
-            // (Of the very many cells of the finest levels every so many.)
+            // A sample of the many cells of the finest levels.
             let step = if side < 4 { 11 } else { 1 };
             for i in (0..bounds.volume() as usize).step_by(step) {
                 let (x, y) = (i as u64 % bounds.max[0] * side, i as u64 / bounds.max[0] * side);
@@ -161,7 +162,7 @@ fn trees_of_such_values_stay_such() {
     let cells = cells(TYPES[0].with_missing(MISSING), 9);
     let tree = write(&path("a.goblin"), &cells, Rule::Mean);
     assert_eq!(tree.header().form.value.mask, Mask::Missing([9, 0, 0, 0, 0, 0, 0, 0]));
-    // There and back.
+    // Convert to the other format and back.
     spinney::convert(
         &path("a.goblin"),
         false,
@@ -180,7 +181,7 @@ fn trees_of_such_values_stay_such() {
     .unwrap();
     let bytes = |name| std::fs::read(path(name)).unwrap();
     assert!(bytes("a.goblin") == bytes("c.goblin"));
-    // Whole cells of a coarser tree are made of the same samples as the level of that size.
+    // Cells of a coarser tree are computed from the same samples as the level of that size.
     let steps: [ViewStep; 1] = ["depth=7".parse().unwrap()];
     let view = spinney::open(path("a.goblin")).unwrap().view(&steps).unwrap();
     let bounds = Bounds { min: [0; 3], max: [88, 38, 1] };

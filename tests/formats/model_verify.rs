@@ -1,5 +1,5 @@
-//! Verification of exact models: single things of honest files changed, with right checksums, are found, each as what it is; and what
-//! verification takes for good gives results that it takes for good.
+//! Verification of exact models: single changes to valid files, with valid checksums, are found and
+//! reported by their nature. Files that pass verification give results that pass it.
 
 use spinney::brep::combine;
 use spinney::{ExactModel, Output, SetOperation};
@@ -12,24 +12,24 @@ use crate::common::exact::{cuboid, turned};
 use crate::common::sets::Body;
 use crate::targets::seal;
 
-/// Faces as rings of corners.
+/// Faces as rings of vertices.
 type Faces = Vec<Vec<Vec<[i32; 3]>>>;
 
 const MEMORY: u64 = 1 << 20;
 
-/// What is found in a file, in words.
+/// Returns the findings of a file as text.
 fn findings(file: &BrepFile) -> String {
     let found = ExactModel::from_bytes(file.bytes()).unwrap().verify(MEMORY, &()).unwrap();
     found.iter().map(|finding| format!("{}: {}\n", finding.place, finding.problem)).collect()
 }
 
-/// Where the words and the leaves of a segment begin.
+/// Offsets of the words and of the leaves of a segment.
 fn lists(segment: &[u8]) -> (usize, usize) {
     let words = 16 + 4 * (seal::short(segment, 0) + seal::short(segment, 4)) as usize;
     (words, words + 4 * seal::short(segment, 8) as usize)
 }
 
-/// The first of a segment's words with a state.
+/// Returns a segment's first word with a state.
 fn word_of(segment: &[u8], state: u32) -> usize {
     let (words, leaves) = lists(segment);
     (words..leaves).step_by(4).find(|at| seal::short(segment, *at) & 7 == state).unwrap()
@@ -81,13 +81,13 @@ fn nodes_that_are_not_those_of_the_faces_are_found() {
         },
         "a leaf with the rule",
     );
-    // A face that the first leaf has becomes another one.
+    // Replace a face of the first leaf.
     changed(
         &|segment| {
             let faces = seal::short(segment, 0) as usize;
             let used: Vec<u32> = (0..faces).map(|face| seal::short(segment, 16 + 4 * face)).collect();
             let other = (0..200).find(|face| !used.contains(face));
-            // (All are there: two change places.)
+            // All faces are present: swap two.
             match other.filter(|face| *face < 16) {
                 Some(face) => seal::set_short(segment, 16, face),
                 None => {
@@ -101,7 +101,7 @@ fn nodes_that_are_not_those_of_the_faces_are_found() {
     let mut file = good.clone();
     file.model[56] ^= 1;
     assert!(findings(&file).starts_with("model: "), "{}", findings(&file));
-    // All that is outside becomes inside.
+    // Outside becomes inside.
     let mut file = good;
     file.model[1] = 1;
     assert!(findings(&file).contains("by the faces around it"), "{}", findings(&file));
@@ -122,7 +122,7 @@ fn faces_that_are_none_are_found() {
     changed(
         &|faces| {
             faces[0][0].swap(0, 1);
-            // (Of a ring that is a bow tie, both halves would cancel.)
+            // The halves of a bow tie would cancel.
             faces[0][0][0][0] = 5;
         },
         "rings that cross",
@@ -135,7 +135,7 @@ fn faces_that_are_none_are_found() {
     changed(&|faces| faces.extend(cuboid([2; 3], [9; 3])), "lie on each other");
 }
 
-/// Also where corners are multiples of 16, and simple points of faces lie on walls.
+/// Also with vertices at multiples of 16, where sample points of faces lie on cell walls.
 #[test]
 fn cubes_that_are_inside_out_are_found() {
     for side in [15, 16, 32, 48] {
@@ -146,8 +146,9 @@ fn cubes_that_are_inside_out_are_found() {
     }
 }
 
-/// Bytes of models at random, with right checksums: what is good gives good results, and nothing fails in another way than by
-/// an error. (Octrees are taken for what they say where no face changes, so that results of bad ones may be as bad.)
+/// Models with random bytes changed, with valid checksums: files that pass verification give
+/// results that pass it, and other failures are errors. Octrees are trusted where no face changes,
+/// so results of invalid files may be equally invalid.
 #[test]
 fn what_is_good_gives_what_is_good() {
     if !is_alone("model_verify::what_is_good_gives_what_is_good") {
@@ -198,7 +199,7 @@ fn what_is_good_gives_what_is_good() {
                 }
                 Err(error) => {
                     refused += 1;
-                    // (Grids may have become others that do not fit, and parts of others.)
+                    // Grids and parts may have become incompatible with the other operands.
                     let is_other = file.model != BrepFile::of(&files[round % 3]).model;
                     assert!(!is_good || is_other, "round {round}, operation {operation}: {error}");
                 }
@@ -209,7 +210,7 @@ fn what_is_good_gives_what_is_good() {
     assert!(good > 20 && made > 60 && refused > 100);
 }
 
-/// Faces that have no room in memory are divided in temporary files: what is found is the same.
+/// Faces that exceed the memory limit are partitioned in temporary files, with the same findings.
 #[test]
 fn memory_does_not_matter() {
     let boxes = (0..1000).flat_map(|number| {
@@ -228,7 +229,7 @@ fn memory_does_not_matter() {
     }
 }
 
-/// The frozen model that has all: corners beside the grid, and what is said of its parts.
+/// The frozen model with all features: off-grid vertices, and metadata of its parts.
 fn crossing() -> BrepFile {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/crossing.goblin");
     BrepFile::of(&std::fs::read(path).unwrap())
@@ -239,7 +240,7 @@ fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
     let good = crossing();
     assert_eq!(findings(&good), "");
     assert_eq!(findings(&good.clone().cut_everywhere()), "", "with a segment for each node");
-    // Two own numbers of exact faces change places, so that lists have others.
+    // Swap two numbers of exact faces, so that lists refer to others.
     let mut found = 0;
     let segment = &good.segments[0].1;
     let [faces, exact] = [0, 4].map(|at| seal::short(segment, at) as usize);
@@ -254,7 +255,7 @@ fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
         found += usize::from(!told.is_empty());
     }
     assert!(exact > 4 && found > exact / 2, "{found} of {exact}");
-    // A cell that is near some says that it is near none.
+    // A cell near exact faces lists none.
     let mut file = good.clone();
     let segment = &mut file.segments[0].1;
     let leaf = lists(segment).1 + (seal::short(segment, word_of(segment, 4)) >> 3) as usize;
@@ -262,7 +263,7 @@ fn lists_of_exact_faces_that_are_not_those_of_cells_are_found() {
         segment[leaf] ^= 32;
         assert!(findings(&file).contains("a node"), "{}", findings(&file));
     }
-    // A face that stands in does not, and another one does.
+    // Swap the proxy flags of two faces.
     let mut file = good.clone();
     file.model[120] -= 1;
     assert!(findings(&file).contains("faces that stand in"), "{}", findings(&file));
@@ -299,7 +300,7 @@ fn tables_that_say_what_cannot_be_are_found() {
     file.others[1].retain(|(key, _)| key >> 32 != 0);
     let error = ExactModel::from_bytes(file.bytes()).err().unwrap().to_string();
     assert!(error.contains("0 names of 3 parts"), "{error}");
-    // Models of templates are refused.
+    // Models with templates are rejected.
     let mut bytes = good.bytes();
     let at = bytes.windows(4).rposition(|tag| tag == b"FORM").unwrap();
     bytes[at..at + 4].copy_from_slice(b"INST");

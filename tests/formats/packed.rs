@@ -1,4 +1,5 @@
-//! Packed segments: the same trees and the same answers in fewer bytes, and errors where these are damaged.
+//! Packed segments: the same trees and query results in fewer bytes, and errors if they are
+//! corrupt.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, LazyLock};
@@ -32,7 +33,7 @@ fn packing() -> WriteOptions {
     WriteOptions::new(MEMORY).packing(Packing::packed())
 }
 
-/// A file's bytes with other packing.
+/// Returns a file's bytes with another packing.
 fn converted(bytes: &[u8], how: WriteOptions) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let [from, to] = ["from.goblin", "to.goblin"].map(|name| folder.path().join(name));
@@ -49,7 +50,7 @@ fn plain(bytes: &[u8]) -> Vec<u8> {
     converted(bytes, WriteOptions::new(MEMORY))
 }
 
-/// The bytes of the packed file that slabs make.
+/// Returns the bytes of a packed file written from slabs.
 fn built(cells: &Cells, rule: Rule, kind: DataKind, memory: u64) -> Vec<u8> {
     bytes_of(|path| {
         let how = packing();
@@ -62,7 +63,7 @@ fn open(bytes: &[u8]) -> Dataset {
     Dataset::of(Goblin::from_bytes(bytes.to_vec()).unwrap().into()).unwrap()
 }
 
-/// Segments, those of them that are packed, their bytes, and those that they become.
+/// Counts segments and packed segments, and sums their stored and unpacked bytes.
 fn sums(tree: &Dataset) -> [u64; 4] {
     let levels = tree.level_bytes(usize::MAX).unwrap().unwrap();
     let sum = |of: fn(&LevelBytes) -> u64| levels.iter().map(of).sum();
@@ -73,7 +74,7 @@ fn kind_of(rule: Rule) -> DataKind {
     if rule == Rule::Majority { DataKind::Categorical } else { DataKind::Continuous }
 }
 
-/// Trees of several segments, of both dimensions and of several types.
+/// Returns trees of several segments, of both dimensions and several types.
 fn large_files() -> &'static [Large] {
     static ALL: LazyLock<Vec<Large>> = LazyLock::new(|| {
         let of = |cells: Cells, rule: Rule| {
@@ -103,7 +104,7 @@ fn packed_and_back_the_bytes_are_the_same() {
     for (number, value_type) in value_types().into_iter().enumerate() {
         for dimension in [Dimension::Quad, Dimension::Oct] {
             let form = TreeType::new(dimension, value_type);
-            // (Every second rule of each, so that it is done soon.)
+            // Every second rule per type, to limit the run time.
             for rule in Rule::ALL.into_iter().skip((number + form.axes()) % 2).step_by(2) {
                 let size = if form.axes() == 2 { quad_size(&mut random) } else { oct_size(&mut random) };
                 let cells = Cells::random(form, number as u64 + 100, size, 60, true);
@@ -127,7 +128,8 @@ fn packed_and_back_the_bytes_are_the_same() {
     assert!(sum[1] > sum[0] / 2 && sum[2] < sum[3], "{sum:?}");
 }
 
-/// Questions beside those of files elsewhere; what a tree cannot answer, it refuses in the same words.
+/// Queries in addition to those of the tests of remote files. Unsupported queries fail with the
+/// same message.
 fn more_questions() -> Vec<Question> {
     vec![
         question("all of it as text", |tree| tree.df_text(1 << 22)),
@@ -137,7 +139,7 @@ fn more_questions() -> Vec<Question> {
             Ok(tree.level_counts(u64::MAX, &())?.map(|counts| counts.levels().to_vec()))
         }),
         question("rows as they are stored", |tree| {
-            // (Whoever has none copies.)
+            // Files without stored rows copy them.
             tree.stored_rows(tree.depth(), &Bounds { min: [0; 3], max: [16, 16, 1] }).map(|_| ())
         }),
         question("contours", |tree| {
@@ -187,7 +189,7 @@ fn all_questions_have_the_same_answers() {
             let answer =
                 |tree: &Dataset| question(tree).map_err(|error| error.to_string().replace(&name, "(memory)"));
             let right = answer(&expected);
-            // (The first file in every way, each of the others in one.)
+            // The first file in all ways, each of the others in one.
             let ways = if number == 0 { 0..3 } else { number - 1..number };
             for (way, tree) in trees.iter().enumerate().filter(|(way, _)| ways.contains(way)) {
                 assert!(answer(tree) == right, "{what} of file {number}, opened in way {way}");
@@ -202,7 +204,7 @@ fn files_elsewhere_have_the_same_answers() {
         let expected = open(bytes);
         for (what, question) in questions() {
             let right = question(&expected).unwrap();
-            // Each with nothing held, and where hardly anything can be.
+            // Each with an empty cache, and with a cache that holds hardly anything.
             for cache in [64 << 20, 100_000] {
                 let (file, rounds) = ranges::far(small, cache);
                 let found = ranges::opened(file).and_then(|tree| question(&tree)).unwrap();
@@ -232,7 +234,7 @@ fn operations_make_the_same_of_packed_files() {
         ] {
             std::fs::write(path(name), bytes).unwrap();
         }
-        // (Names of files are told by what is made of them.)
+        // The output depends on file names.
         let cells_of = |name: &str| {
             let tree = dataset::open(&path(name), &OpenOptions::new()).unwrap();
             let mut options = tree.build_options(MEMORY);
@@ -241,7 +243,7 @@ fn operations_make_the_same_of_packed_files() {
             (bytes, sums(&tree))
         };
         let shift = if form.axes() == 2 { "translate=64,64" } else { "translate=64,64,0" };
-        // (The first file by every step, each of the others by one.)
+        // The first file with all operations, each of the others with one.
         let numbers = if number == 0 { 0..3 } else { number - 1..number };
         for step in &[None, Some(shift), Some("scale=0.5")][numbers] {
             let steps: Vec<spinney::ViewStep> = step.iter().map(|step| step.parse().unwrap()).collect();
@@ -322,7 +324,7 @@ fn layers_are_copied_as_they_are() {
     for (_, question) in questions() {
         assert!(question(&names[0]).unwrap() == question(&names[1]).unwrap());
     }
-    // Whoever converts is asked.
+    // Conversion does not inherit packing; its options decide.
     let how = WriteOptions::new(MEMORY);
     spinney::convert(&path("a.goblin"), false, Output::create(&path("c.goblin")).unwrap(), how, &()).unwrap();
     let all = dataset::open(&path("c.goblin"), &OpenOptions::new()).unwrap();
@@ -353,7 +355,7 @@ fn history_is_not_packed() {
     let chain = FileView::of(&path("a.goblin"));
     let added = ops::add_layer(&path("a.autumn"), "more", &chain, Note::default(), how, &());
     assert!(matches!(added, Err(Error::Unsupported { .. })));
-    // From there it can be.
+    // From an Autumnal file, too.
     spinney::convert(&path("a.autumn"), false, Output::create(&path("b.goblin")).unwrap(), how, &()).unwrap();
     assert!(std::fs::read(path("b.goblin")).unwrap() == packed(&std::fs::read(path("a.goblin")).unwrap()));
 }
@@ -374,7 +376,7 @@ fn damage_is_found() {
     truncate_and_flip(&packed(&tiny), 100, 100);
 }
 
-/// Places of the entries of the directory of a file's only layer.
+/// Returns the offsets of the segment index entries of a file's only layer.
 fn entries(file: &[u8]) -> Vec<usize> {
     let layer = seal::layers(file)[0];
     let size = seal::entry_size(file, layer);
@@ -382,7 +384,8 @@ fn entries(file: &[u8]) -> Vec<usize> {
     pages.iter().flat_map(|(_, page)| seal::entries(file, page, size)).collect()
 }
 
-/// Each number that tells how a segment is packed set to whatever does harm, and bytes of packed segments, with right checksums.
+/// Sets each packing field of a segment, and bytes of packed segments, to malicious values with
+/// valid checksums.
 #[test]
 fn what_is_said_of_packed_segments_does_no_harm() {
     let cells = Cells::random(QUAD, 3, [500, 300, 1], 5, true);
@@ -426,7 +429,7 @@ fn codecs_are_those_that_are_known() {
     let layer = seal::layers(&file)[0];
     let unknown = changed(layer + 4, 2);
     assert!(matches!(unknown, Err(Error::Unsupported { found, .. }) if found == "codec number 2"));
-    // A tree that has packed segments says so.
+    // A flag in the header marks trees with packed segments.
     let text = |file: Goblin| file.segment(0).map(drop).unwrap_err().to_string();
     assert!(text(changed(layer + 4, 0).unwrap()).contains("a packed segment"));
     let entry = entries(&file)[0];
@@ -458,7 +461,7 @@ fn open_goblin(file: Goblin) -> Dataset {
     Dataset::of(file.into()).unwrap()
 }
 
-/// Bytes that are unpacked stay within the limit, whatever the threads do, and each answer is right.
+/// Unpacked bytes stay within the limit across threads, and all results are right.
 #[test]
 fn threads_share_what_is_unpacked() {
     let bytes =
@@ -486,7 +489,7 @@ fn threads_share_what_is_unpacked() {
                     tree.points(&cells, tree.depth(), &mut points).unwrap();
                     expected.points(&cells, tree.depth(), &mut right_points).unwrap();
                     assert!((0..200).all(|at| points.value(at) == right_points.value(at)));
-                    // (One segment may be larger than the limit.)
+                    // A single segment may exceed the limit.
                     assert!(cache.held() <= 8 << 20, "{}", cache.held());
                 }
             });

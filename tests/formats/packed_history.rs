@@ -1,4 +1,4 @@
-//! Autumnal files whose history is packed: every commit stays what it was, and edits go on.
+//! Autumnal files with packed history: every commit is unchanged, and edits continue.
 
 use std::path::Path;
 
@@ -23,7 +23,7 @@ fn at(path: &Path, number: usize) -> Autumnal {
     open(format!("{}@{number}", path.display()).as_ref())
 }
 
-/// Compacts a file, all commits of which stay.
+/// Compacts a file, keeping all its commits.
 fn compacted(path: &Path, to: &Path, share: bool, pack: bool, memory: u64) -> u64 {
     let keep = Keep::Last(u64::MAX);
     let options = CompactOptions::new(&keep, memory).share(share).pack(pack);
@@ -32,7 +32,7 @@ fn compacted(path: &Path, to: &Path, share: bool, pack: bool, memory: u64) -> u6
     std::fs::metadata(to).unwrap().len()
 }
 
-/// Random edits, then all commits in files with their history packed.
+/// Applies random edits, then writes all commits to files with packed history.
 fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind), share: bool, seed: u64) {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
@@ -61,7 +61,7 @@ fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind),
         }
     };
     check(&file("packed.autumn"), &before);
-    // Commits are told as they were.
+    // Commit notes are unchanged.
     let notes = |path: &Path| -> Vec<_> {
         let history = History::open(path, &OpenOptions::new()).unwrap();
         history
@@ -71,7 +71,7 @@ fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind),
             .collect()
     };
     assert_eq!(notes(&path), notes(&file("packed.autumn")));
-    // Edits go on.
+    // Edits continue.
     for _ in 0..3 {
         let edits = [Ok(random_edit(&mut random, folder.path(), &mut cells))];
         if edit(&file("packed.autumn"), edits, Note::default(), MEMORY, &()).unwrap().is_some() {
@@ -79,10 +79,10 @@ fn history_stays(form: TreeType, size: [u64; 3], (rule, kind): (Rule, DataKind),
         }
     }
     check(&file("packed.autumn"), &before);
-    // What was history already is packed again, and what became so.
+    // Packs again the old history and the commits added since.
     compacted(&file("packed.autumn"), &file("twice.autumn"), share, true, MEMORY);
     check(&file("twice.autumn"), &before);
-    // Without packing it is what it would have been all the time.
+    // Unpacking gives the same file as if it had never been packed.
     let published = [file("twice.autumn"), file("packed.autumn")].map(|from| {
         let to = from.with_extension("goblin");
         convert(&from, false, Output::create(&to).unwrap(), WriteOptions::new(MEMORY), &()).unwrap();
@@ -109,7 +109,7 @@ fn history_of_octrees() {
     history_stays(oct(SampleType::F64, 1), [12, 14, 9], (Rule::Mean, DataKind::Continuous), false, 9);
 }
 
-/// Much of a history that is packed takes few bytes, though each commit changes a large part.
+/// Packed history takes few bytes, though each commit changes a large share of the tree.
 #[test]
 fn history_becomes_smaller() {
     let folder = tempfile::tempdir().unwrap();
@@ -134,7 +134,7 @@ fn history_becomes_smaller() {
     assert!(packed - newest < (plain - newest) / 2, "{packed} {plain}, the newest alone {newest}");
 }
 
-/// Layers of several types, some of which come and go.
+/// Layers of several types, some of which are added and dropped.
 #[test]
 fn history_of_layers() {
     let folder = tempfile::tempdir().unwrap();

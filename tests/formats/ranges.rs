@@ -1,4 +1,4 @@
-//! Files that come in ranges from elsewhere: the same answers as from mapped files, in few rounds.
+//! Remote files that are read in ranges: the same results as from mapped files, in few batches.
 
 use std::fmt::Debug;
 use std::ops::Range;
@@ -17,10 +17,10 @@ use spinney::{
 
 use crate::common::{BYTE, Cells, QUAD, Random, goblin_bytes, oct, quad};
 
-/// Rounds that were fetched: requests and bytes of each.
+/// Batches that were fetched: requests and bytes of each.
 pub(super) type Rounds = Arc<Mutex<Vec<(usize, u64)>>>;
 
-/// Bytes in memory, and the rounds in which they were asked for.
+/// Bytes in memory, and the batches in which they were requested.
 struct Far {
     bytes: Arc<Vec<u8>>,
     rounds: Rounds,
@@ -34,7 +34,8 @@ impl Fetch for Far {
     }
 }
 
-/// The file far away, with a cache of so many bytes, and no joining of ranges that are near each other.
+/// Returns the file as a remote file with a cache of `cache` bytes, without merging of nearby
+/// ranges.
 pub(super) fn far(bytes: &Arc<Vec<u8>>, cache: u64) -> (RangeFile, Rounds) {
     let rounds = Rounds::default();
     let fetch = Box::new(Far { bytes: bytes.clone(), rounds: rounds.clone() });
@@ -46,7 +47,7 @@ pub(super) fn opened(file: RangeFile) -> Result<Dataset> {
     Dataset::of(Goblin::from_backend(Path::new("far"), Box::new(file), &OpenOptions::new())?.into())
 }
 
-/// A question, as text.
+/// A query with its result as text.
 pub(super) type Question = (&'static str, Box<dyn Fn(&Dataset) -> Result<String>>);
 
 pub(super) fn question<T: Debug>(
@@ -56,7 +57,7 @@ pub(super) fn question<T: Debug>(
     (name, Box::new(move |tree| run_batched(tree).map(|answer| format!("{answer:?}"))))
 }
 
-/// A box in the middle of a picture, a little off.
+/// Returns a box near the middle of an image, not aligned.
 fn middle(tree: &Dataset, level: u8) -> Bounds {
     let all = tree.extent_at(level);
     let axis = |axis: usize, part: u64| (all.max[axis] * part / 16).max(u64::from(part > 8));
@@ -134,7 +135,7 @@ pub(super) fn questions() -> Vec<Question> {
     ]
 }
 
-/// A file of many segments, in which no two cells are alike.
+/// Returns a file of many segments in which all cells differ.
 fn large() -> Arc<Vec<u8>> {
     static LARGE: LazyLock<Arc<Vec<u8>>> = LazyLock::new(|| {
         let cells = Cells::random(QUAD, 8, [2100, 1500, 1], 200, false);
@@ -165,7 +166,7 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
             let expected = question(&mapped).map_err(|error| error.to_string());
             let same = question(&positioned).map_err(|error| error.to_string());
             assert!(same == expected, "{name} of file {number}, positioned");
-            // Each with nothing held, and where hardly anything can be.
+            // Each with an empty cache, and with a cache that holds hardly anything.
             for cache in [64 << 20, 200_000] {
                 let (file, _) = far(bytes, cache);
                 let found = opened(file).and_then(|tree| question(&tree)).map_err(|error| error.to_string());
@@ -175,7 +176,8 @@ fn all_questions_have_the_same_answers_wherever_the_file_is() {
     }
 }
 
-/// An Autumnal file is read extent by extent: a window of 256 x 256 cells needs those of the records on the way to it, and of its own.
+/// An Autumnal file is read extent by extent: a window of 256 x 256 cells needs the extents of the
+/// records on its path, and its own.
 #[test]
 fn autumnal_files_are_read_in_few_rounds() {
     let folder = tempfile::tempdir().unwrap();
@@ -214,7 +216,7 @@ fn autumnal_files_are_read_in_few_rounds() {
     }
 }
 
-/// Rounds that a question takes: the directory, and the levels of segments on the way down.
+/// Batches per query: the segment index, and one per level of segments on the path.
 #[test]
 fn questions_take_few_rounds() {
     let bytes = large();
@@ -237,13 +239,14 @@ fn questions_take_few_rounds() {
     }
 }
 
-/// A window of 256 x 256 cells needs a page of the directory or two, and as many segments as of a mapped file, each once.
+/// A window of 256 x 256 cells needs one or two pages of the segment index, and the same segments
+/// as in a mapped file, each once.
 #[test]
 fn windows_read_no_segment_too_many() {
     let bytes = large();
     let (file, rounds) = far(&bytes, 64 << 20);
     let tree = opened(file).unwrap();
-    // (The directory first.)
+    // The segment index first.
     let all = tree.header().picture();
     let pages = |level| Bounds { min: [0; 3], max: tree.extent_at(level).max };
     for level in 0..=4 {
@@ -268,7 +271,8 @@ fn windows_read_no_segment_too_many() {
     assert!(!all.is_empty() && !rounds.lock().unwrap().is_empty());
 }
 
-/// Who has no thread that may wait, such as a page in a browser, fetches what a pass has found missing, and asks again.
+/// Callers without blocking threads, such as a page in a browser, fetch what a pass reports as
+/// missing, and run the query again.
 #[test]
 fn rounds_can_be_driven_by_others() {
     let bytes = large();
@@ -297,7 +301,7 @@ fn rounds_can_be_driven_by_others() {
     assert_eq!(answer.unwrap(), window(&mapped, mapped.depth()).unwrap());
 }
 
-/// Bytes that change in any place give an error or the right answer, and never more rounds than there are.
+/// Changed bytes at any offset give an error or the right result, with a bounded number of batches.
 #[test]
 fn hostile_files_end_after_some_rounds() {
     let bytes =
@@ -305,7 +309,7 @@ fn hostile_files_end_after_some_rounds() {
     let mut random = Random(11);
     for _ in 0..60 {
         let mut changed = bytes.clone();
-        // The directory and what is behind it tell where everything is.
+        // The segment index and the bytes after it hold all offsets.
         let end = changed.len() as u64;
         let place = end - 1 - random.below(end / 8);
         changed[place as usize] ^= 1 << random.below(8);
@@ -320,7 +324,7 @@ fn hostile_files_end_after_some_rounds() {
     }
 }
 
-/// Rounds of one thread do not disturb those of others.
+/// Batches of one thread do not affect those of other threads.
 #[test]
 fn threads_ask_at_the_same_time() {
     let bytes = large();

@@ -12,18 +12,19 @@ use spinney::{
 
 use crate::common::{Cells, as_byte, bytes_of, options, value_types, with, write_cells};
 
-/// A number rounded as is promised: to the nearest multiple of the greatest power of two that is at most twice the error.
+/// Rounds a number as documented: to the nearest multiple of the largest power of two that is at
+/// most twice the error.
 fn rounded(value_type: ValueType, cell: Value, most: f64) -> Value {
     let step = 2f64.powi((2.0 * most).log2().floor() as i32);
     if !value_type.sample.is_float() && step < 2.0 {
         return cell;
     }
-    // (All of these have few enough digits for it.)
+    // All of these have few enough digits.
     value_type.nearest(|channel| {
         let number = value_type.numbers(cell)[channel].to_f64();
         let half = if value_type.sample.is_float() && number < 0.0 { -0.5 } else { 0.5 };
         let nearest = match value_type.sample.is_float() {
-            // (Zeros have no sign.)
+            // Zeros are positive.
             true => (number / step + half).trunc() * step + 0.0,
             false => (number / step + half).floor() * step,
         };
@@ -44,7 +45,7 @@ fn written(cells: &Cells, options: &BuildOptions) -> Vec<u8> {
     bytes_of(|path| write_cells(path, cells, options))
 }
 
-/// The file of rounded cells, and what it tells of that.
+/// Returns the file of rounded cells, with the rounding in its metadata.
 fn model(cells: &Cells, rule: Rule, most: f64) -> Vec<u8> {
     let round = |cell: Option<Value>| cell.map(|cell| rounded(cells.form.value, cell, most));
     let cells = Cells { cells: cells.cells.iter().map(|cell| round(*cell)).collect(), ..cells.clone() };
@@ -60,7 +61,7 @@ fn model(cells: &Cells, rule: Rule, most: f64) -> Vec<u8> {
 #[test]
 fn cells_are_rounded_before_all_else() {
     for (number, value_type) in value_types().into_iter().enumerate() {
-        // (Numbers of 64 bits have more digits than the model.)
+        // 64-bit numbers have more digits than the model.
         if value_type.sample.size() == 8 && !value_type.sample.is_float() {
             continue;
         }
@@ -77,7 +78,7 @@ fn cells_are_rounded_before_all_else() {
             assert!(made == expected, "{form}, {rule}, {most}");
             let tree = Goblin::from_bytes(made).unwrap();
             assert_eq!(tree.verify(1 << 20, &()).unwrap(), [], "{form}, {rule}, {most}");
-            // Trees are rounded as slabs are.
+            // Trees are rounded in the same way as slabs.
             let exact = written(&cells, &options(rule, DataKind::Continuous, cells.depth()));
             let folder = tempfile::tempdir().unwrap();
             let [from, to] = ["a.goblin", "b.goblin"].map(|name| folder.path().join(name));
@@ -85,7 +86,7 @@ fn cells_are_rounded_before_all_else() {
             let how = WriteOptions::new(1 << 20).packing(packing);
             spinney::convert(&from, false, Output::create(&to).unwrap(), how, &()).unwrap();
             assert!(std::fs::read(&to).unwrap() == expected, "{form}, {rule}, {most} of a tree");
-            // Once more changes nothing but what is said of it.
+            // Rounding again changes only its record in the metadata.
             let again = folder.path().join("c.goblin");
             spinney::convert(&to, false, Output::create(&again).unwrap(), how, &()).unwrap();
             let again = Goblin::open(&again, &OpenOptions::new()).unwrap();

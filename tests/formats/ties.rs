@@ -1,4 +1,5 @@
-//! Majorities of classes that have as many cells as others: what the children decide, everywhere alike, and without a class that grows.
+//! Majorities of tied classes: the children decide, in the same way everywhere, without a bias to
+//! any class.
 
 use spinney::edit::{Edit, Note};
 use spinney::raw::ops::apply_edits;
@@ -14,10 +15,11 @@ use crate::common::{
 
 const MAJORITY: (Rule, DataKind) = (Rule::Majority, DataKind::Categorical);
 
-/// Classes, in order, and cells of each.
+/// Classes in order, with their cell counts.
 type Counts = Vec<(Value, u64)>;
 
-/// The class that wins a tie: of the tied ones, of the children's values, and of the cells that each class has.
+/// Decides a tie, given the tied classes, the children's values, and the cells that each tied class
+/// has.
 type Decision = fn(&[Value], &[Value], u64) -> Value;
 
 /// The rule of formats.md.
@@ -35,12 +37,12 @@ fn by_children(tied: &[Value], children: &[Value], cells: u64) -> Value {
     tied[(hash % tied.len() as u64) as usize]
 }
 
-/// The rule that was there before: the lowest class.
+/// The previous rule: the lowest class.
 fn by_number(tied: &[Value], _: &[Value], _: u64) -> Value {
     tied[0]
 }
 
-/// The value of a node and the counts of its cells, and what `see` is to see of all nodes below it.
+/// Returns a node's value and its class counts, and calls `see` for all nodes below it.
 fn model(
     cells: &Cells,
     code: Code,
@@ -72,7 +74,7 @@ fn model(
     (value, counts)
 }
 
-/// Compares all nodes of a tree with the model's; returns in how many a hash decided.
+/// Compares all nodes of a tree with the model's. Returns the number of nodes that a hash decided.
 fn check(cells: &Cells, what: &str, value_at: &dyn Fn(Code) -> Option<Value>) -> usize {
     let mut hashed = 0;
     model(
@@ -88,7 +90,8 @@ fn check(cells: &Cells, what: &str, value_at: &dyn Fn(Code) -> Option<Value>) ->
     hashed
 }
 
-/// Small rasters and volumes of few classes, with many ties; every second one has VOID.
+/// Returns small rasters and volumes of few classes, with many ties; every second one has VOID
+/// cells.
 fn rasters() -> Vec<Cells> {
     let mut all = Vec::new();
     for sample in [SampleType::U8, SampleType::U16, SampleType::I32] {
@@ -157,7 +160,7 @@ fn large_blocks_agree_with_the_tree_in_memory() {
         };
         same_trees(&goblin(&cells, Rule::Majority, DataKind::Categorical), &cells.tree(Rule::Majority));
     }
-    // Squares of two classes, whose nodes are tied on all levels.
+    // Squares of two classes whose nodes are tied on all levels.
     let cells = made(form, [512, 512, 1], |[x, y, _]| Some(value(form.value, (x + y) % 2 + 2 * (x / 8 % 2))));
     same_trees(&goblin(&cells, Rule::Majority, DataKind::Categorical), &cells.tree(Rule::Majority));
 }
@@ -187,7 +190,8 @@ fn edited_files_are_those_that_are_built() {
     }
 }
 
-/// A raster of four classes with as many cells each: noise, or noise in squares with single cells between them.
+/// Returns a raster of four classes with equal cell counts: noise, or noise in squares with single
+/// cells between them.
 fn equal_shares(seed: u64, clustered: bool) -> Cells {
     const SIDE: u64 = 256;
     let form = quad(SampleType::U8, 1);
@@ -206,8 +210,9 @@ fn equal_shares(seed: u64, clustered: bool) -> Cells {
     })
 }
 
-/// How far the shares of four classes are from those of the cells on each of four levels, in standard deviations of a mean over some rasters; and the difference
-/// between the highest two classes and the lowest two, in the same way.
+/// Returns the deviation of four classes' shares from their shares of cells, on each of four
+/// levels, in standard deviations of a mean over some rasters; then, likewise, the difference
+/// between the upper two classes and the lower two.
 fn biases(clustered: bool, decide: Decision) -> Vec<[f64; 5]> {
     const RASTERS: u64 = 8;
     let mut found = Vec::new();
@@ -235,7 +240,7 @@ fn biases(clustered: bool, decide: Decision) -> Vec<[f64; 5]> {
         }
     }
     let deviations = found.into_iter().map(|(above, differences)| {
-        // Nodes are independent at most: a share of a quarter of them has this standard deviation.
+        // Nodes are at best independent: a share of one quarter then has this standard deviation.
         let nodes = (65_536 >> (2 * above)) as f64 * RASTERS as f64;
         let deviation = (0.25f64 * 0.75 / nodes).sqrt();
         std::array::from_fn(|number| {
@@ -255,7 +260,8 @@ fn no_class_grows_with_the_levels() {
                 "{clustered}, {above} levels above: {biases:?}"
             );
         }
-        // Where the lowest class wins, it grows, and the highest shrinks. (On higher levels are too few nodes to see it.)
+        // If the lowest class wins, its share grows and the highest class's share shrinks. Higher
+        // levels have too few nodes to show it.
         for (above, [lowest, .., highest, order]) in (1..).zip(biases(clustered, by_number)).take(2) {
             let is_biased = lowest > 3.0 && highest < -3.0 && order < -3.0;
             assert!(is_biased, "{clustered}, {above} levels above: {lowest}, {highest}, {order}");

@@ -1,4 +1,4 @@
-//! Operations on Goblin files whose records are wrong and were not checked.
+//! Operations on Goblin files with invalid records that were not verified.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use spinney::{CombineOperation, OpenOptions, Output, Rule, SetOperation};
 use crate::common::{self, Random, set_operation};
 use crate::hostile::{HEADER, map};
 
-/// Records that say anything, unchecked: what is made of them may be nonsense, but is made or refused.
+/// Arbitrary, unverified records: the output may be meaningless, but is either written or rejected.
 #[test]
 fn operations_on_records_that_lie() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Samples of i8, u64 and i64: sums, means, extremes and squares against models in wider numbers.
+//! Samples of i8, u64 and i64: sums, means, extremes and squares against models in wider integers.
 
 use std::collections::BTreeMap;
 
@@ -13,7 +13,7 @@ use crate::common::{Cells, Random, children, dataset, goblin, goblin_bytes};
 
 const TYPES: [SampleType; 3] = [SampleType::I8, SampleType::U64, SampleType::I64];
 
-/// A sample as a number of more bits.
+/// Returns a sample as a wider integer.
 fn wide(sample: SampleType, value: Value) -> i128 {
     let bytes: [u8; 8] = value.to_bytes()[..8].try_into().unwrap();
     match sample {
@@ -23,10 +23,10 @@ fn wide(sample: SampleType, value: Value) -> i128 {
     }
 }
 
-/// Samples of all magnitudes: patches, noise, and the ends of the type.
+/// Samples of all magnitudes: patches, noise, and the limits of the type.
 fn cells(form: TreeType, seed: u64, size: [u64; 3], void: bool) -> Cells {
     let mut random = Random(seed);
-    // (Builders are told VOID by a number, which no cell may have.)
+    // Builders take VOID as a nodata value, which no cell may have.
     let (width, nodata) = (form.width(), crate::common::value(form.value, 250));
     let cells = (0..size.iter().product::<u64>()).map(|index| {
         let (x, y) = (index % size[0], index / size[0]);
@@ -44,14 +44,14 @@ fn cells(form: TreeType, seed: u64, size: [u64; 3], void: bool) -> Cells {
     Cells { form, size, cells: cells.collect() }
 }
 
-/// What is known of the cells below a node.
+/// Statistics of the cells below a node.
 #[derive(Clone, Copy, Default)]
 struct Known {
     cells: i128,
     sum: i128,
     least: Option<i128>,
     greatest: Option<i128>,
-    /// In digits to the base 2^64, the lowest first.
+    /// Digits to the base 2^64, the lowest first.
     squares: [u64; 3],
 }
 
@@ -85,10 +85,10 @@ impl Known {
         }
     }
 
-    /// By halves of the children, down to single cells.
+    /// Combines the children, down to single cells.
     fn of(cells: &Cells, code: Code, depth: u8, all: &mut BTreeMap<u64, Known>) -> Known {
         let sample = cells.form.value.sample;
-        // (Nothing is known of what is outside, and that is not remembered.)
+        // Nodes outside of the cells have no statistics and are not stored.
         let first = code.cell().map(|at| u64::from(at) << (depth - code.level()));
         if (0..cells.form.axes()).any(|axis| first[axis] >= cells.size[axis]) {
             return Known::default();
@@ -154,7 +154,7 @@ fn check(form: TreeType, seed: u64, size: [u64; 3], void: bool) {
         };
         assert_eq!(entry.zone.squares, expected, "{form} {}", entry.code);
     }
-    // The other ways to build, and to keep, the same tree: all say the same.
+    // Other ways to build and store the same tree give the same results.
     assert_eq!(file.verify(1 << 24, &()).unwrap(), []);
     let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
@@ -205,7 +205,7 @@ fn majorities_do_not_go_by_the_numbers() {
     for sample in TYPES {
         let form = TreeType::new(Dimension::Quad, ValueType::new(sample, 1));
         let cells = cells(form, 5, [256, 256, 1], false);
-        // (One way to build has blocks in rows, the other has cells one by one.)
+        // One builder has blocks in rows, the other single cells.
         let tree = MemTree::from_cells(form, 8, Rule::Majority, &|cell| cells.get(cell.map(u64::from)));
         let file = goblin(&cells, Rule::Majority, DataKind::Categorical);
         crate::common::same_trees(&file, &tree);
@@ -214,7 +214,7 @@ fn majorities_do_not_go_by_the_numbers() {
         assert_eq!(found.classes[0].0.to_integer(), Some(least));
         assert!(found.classes.is_sorted_by(|a, b| a.0 < b.0));
     }
-    // Two of each: the first one.
+    // A tie of two cells each: the first one wins.
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I8, 1));
     for numbers in [[5i8, -7, 5, -7], [-7, 5, 5, -7]] {
         let cells = Cells { form, size: [2, 2, 1], cells: numbers.map(|n| Some(Value::from([n]))).into() };
@@ -262,7 +262,7 @@ fn sums_and_differences_stay_within_the_type() {
     }
 }
 
-/// The tree in memory is what it was made of, whatever its values are.
+/// The tree in memory keeps values of any type.
 #[test]
 fn expressions_have_all_digits() {
     use spinney::raw::tree::df;

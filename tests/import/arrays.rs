@@ -1,4 +1,4 @@
-//! Ways into an octree from arrays: sections in pictures, samples alone, and NRRD files, also those that are written.
+//! Octrees from arrays: sections in images, raw samples, and NRRD files, which are also written.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ fn built(import: spinney::Result<VolumeImport>, folder: &Path) -> spinney::Resul
     spinney::open(&path)
 }
 
-/// All cells, x fastest.
+/// Returns all cells; x varies fastest.
 fn cells(tree: &Dataset) -> Vec<u8> {
     let bounds = Bounds::picture(tree.header().extent);
     let mut bytes = vec![0; bounds.volume() as usize * tree.header().form.value.size()];
@@ -61,7 +61,7 @@ fn sections_are_planes_in_the_order_of_their_numbers() {
     let tree = built(import, folder).unwrap();
     assert_eq!((tree.header().extent, tree.metadata().frame.matrix[2]), ([70, 41, 12], [0.0, 0.0, 2.0, 0.0]));
     assert_eq!(cells(&tree), expected);
-    // As a shell's pattern lists them, and in an order that somebody chose; in little memory.
+    // In the order of a shell's pattern, and in another order; with little memory.
     let mut listed = paths.clone();
     listed.sort();
     assert_eq!(listed[2], paths[10]);
@@ -104,7 +104,7 @@ fn samples_alone_are_what_they_are_said_to_be() {
                 (it.channels, it.is_big_endian, it.skip) = (channels, is_big_endian, skip);
             });
             let size = sample.size();
-            // (Small whole numbers alone, so that floating samples are numbers.)
+            // Small integers, so that floating-point samples are numbers.
             let numbers: Vec<u64> =
                 (0..9 * 70 * 5 * u64::from(channels)).map(|_| random.below(100)).collect();
             let bytes: Vec<u8> = numbers
@@ -177,7 +177,7 @@ fn volumes_come_back_from_nrrd() {
     assert_eq!((&told.frame, &told.tags, &told.units), (&known.frame, &known.tags, &known.units));
     assert_eq!(told.tags["scanner"], "a\nb\\n: c");
     assert_eq!(cells(&again), cells(&tree));
-    // A part, and a coarser level: its cells are where they were.
+    // A window, and a coarser level: cells keep their positions.
     let level = tree.depth() - 1;
     write(Bounds { min: [2, 3, 1], max: [5, 9, 3] }, level);
     let part = folder.join("part.goblin");

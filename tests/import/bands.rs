@@ -1,4 +1,4 @@
-//! Bands of TIFF files, of any number and type, alone and several at once.
+//! Bands of TIFF files, of any number and type, single and several.
 
 use std::path::Path;
 
@@ -9,21 +9,21 @@ use spinney::{Number, Output, Region};
 use crate::common::tiff_file::{Ifd, Values, file, on_disk};
 use crate::common::{Random, with};
 
-/// A type of samples: bits and number of the format, and bytes of a sample as it is read.
+/// Sample types: bits and format number in the file, and bytes per sample as read.
 const TYPES: [(u16, u16, usize); 8] =
     [(8, 1, 1), (16, 1, 2), (16, 2, 2), (32, 1, 4), (32, 2, 4), (32, 3, 4), (64, 3, 8), (4, 1, 1)];
 
-/// A picture of random samples, and the samples of each band as they are read.
+/// An image of random samples, and the samples of each band as read.
 struct Picture {
     size: [usize; 2],
     bands: Vec<Vec<u8>>,
     sample: usize,
-    /// Chunks, by plane if it is planar.
+    /// Chunks; by plane if the image is planar.
     chunks: Vec<Vec<u8>>,
     ifd: Ifd,
 }
 
-/// Joins samples of half a byte, from the upper half on, row by row.
+/// Packs samples of half a byte, upper half first, row by row.
 fn packed(samples: &[u8], row: usize) -> Vec<u8> {
     let rows = samples.chunks(row);
     rows.flat_map(|row| row.chunks(2).map(|pair| pair[0] << 4 | pair.get(1).copied().unwrap_or(0))).collect()
@@ -73,7 +73,7 @@ impl Picture {
         Picture { size, bands: planes, sample, chunks, ifd }
     }
 
-    /// The samples of some bands of a region, as they are read.
+    /// Returns the samples of some bands of a region, as read.
     fn pixels(&self, region: Region, chosen: &[usize]) -> Vec<u8> {
         let mut bytes = Vec::new();
         for y in region.y..region.bottom() {
@@ -113,7 +113,7 @@ fn any_bands_are_read_alone() {
                 raster.read(region, &mut pixels).unwrap();
                 let what = format!("case {case}: {bands} bands, {chosen:?} in {region:?}");
                 assert!(pixels.bytes == picture.pixels(region, &chosen), "{what}");
-                // A choice of a choice.
+                // A selection of a selection.
                 let mut first =
                     raster::select(open(on_disk.path(), &chosen), &[Band::Number(count)]).unwrap();
                 first.read(region, &mut pixels).unwrap();
@@ -127,7 +127,7 @@ fn any_bands_are_read_alone() {
 fn planes_that_are_not_asked_for_are_not_read() {
     let mut random = Random(42);
     let mut picture = Picture::random(&mut random, 6, true, true);
-    // All planes but one lack bytes.
+    // All planes except one are truncated.
     let tiles = picture.chunks.len() / 6;
     for (index, chunk) in picture.chunks.iter_mut().enumerate() {
         if index / tiles != 4 {
@@ -145,7 +145,7 @@ fn planes_that_are_not_asked_for_are_not_read() {
 
 #[test]
 fn numbers_of_64_bits_are_read() {
-    // 64-bit integers stay what they are, in each band.
+    // 64-bit integers are unchanged in each band.
     let samples = [3u64, u64::MAX, 5, u64::MAX - 1].map(u64::to_le_bytes).concat();
     let ifd = Ifd::grey(2, 1, samples).short(258, &[64, 64]).short(277, &[2]).short(339, &[1, 1]);
     let on_disk = on_disk(&file(&[ifd]));

@@ -1,4 +1,5 @@
-//! CityJSON that is read and written again: shells and bodies, levels of detail, addresses, extents and units.
+//! CityJSON read and written again: shells and solids, levels of detail, addresses, extents and
+//! units.
 
 use std::path::Path;
 
@@ -18,14 +19,14 @@ fn import(path: &Path, out: &Path) -> Result<ExactModel> {
     ExactModel::open(out, &Default::default())
 }
 
-/// A model of a CityJSON file.
+/// Imports a CityJSON file as a model.
 fn model_of(file: &Value, folder: &Path) -> Result<ExactModel> {
     let path = folder.join("a.city.json");
     std::fs::write(&path, file.to_string()).unwrap();
     import(&path, &folder.join("a.goblin"))
 }
 
-/// The CityJSON file of a model.
+/// Exports a model to CityJSON.
 fn written(model: &ExactModel, folder: &Path) -> Value {
     let path = folder.join("b.city.json");
     export_exact(model, MeshFormat::CityJson, Output::create(&path).unwrap(), &()).unwrap();
@@ -36,7 +37,7 @@ fn identity() -> Motion {
     Motion::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]).unwrap()
 }
 
-/// Six sides of the box of eight vertices from a number on.
+/// Returns the six sides of a box over eight consecutive vertices.
 fn sides(first: usize, is_cavity: bool) -> Value {
     let sides = [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
     let sides = sides.map(|mut side: [usize; 4]| {
@@ -48,7 +49,7 @@ fn sides(first: usize, is_cavity: bool) -> Value {
     json!(sides)
 }
 
-/// Corners of a cube.
+/// Returns the corners of a cube.
 fn corners(low: i64, high: i64) -> Vec<[i64; 3]> {
     (0..8).map(|corner| [0, 1, 2].map(|axis| if corner >> axis & 1 == 0 { low } else { high })).collect()
 }
@@ -62,7 +63,7 @@ fn file(objects: Value, vertices: Vec<[i64; 3]>, epsg: u32) -> Value {
     })
 }
 
-/// Coordinates of the vertices in a geometry's lists, as they are nested.
+/// Replaces vertex numbers in a geometry's nested lists by coordinates.
 fn placed(list: &Value, file: &Value) -> Value {
     match list {
         Value::Array(list) => list.iter().map(|inner| placed(inner, file)).collect(),
@@ -77,7 +78,7 @@ fn placed(list: &Value, file: &Value) -> Value {
     }
 }
 
-/// Bounds along x of each shell of each solid.
+/// Returns the bounds along x of each shell of each solid.
 fn shells(solids: &Value, file: &Value) -> Vec<Vec<[f64; 2]>> {
     let span = |shell: &Value| {
         let mut span = [f64::INFINITY, f64::NEG_INFINITY];
@@ -135,7 +136,7 @@ fn cavities_and_bodies_are_shells_and_solids_of_their_own() {
     let mut solids = shells(&geometry("several")["boundaries"], &found);
     solids.sort_by(|a, b| a[0][0].total_cmp(&b[0][0]));
     assert_eq!(solids, [x(&[[20.0, 24.0]]), x(&[[40.0, 49.0], [42.0, 44.0]])]);
-    // Semantics have the lists of the shells.
+    // Semantics are nested like the shells.
     let semantics = geometry("cavity")["semantics"].clone();
     let types: Vec<Vec<Option<&str>>> = semantics["values"]
         .as_array()
@@ -155,7 +156,7 @@ fn cavities_and_bodies_are_shells_and_solids_of_their_own() {
     let count = |shell: usize, kind: Option<&str>| types[shell].iter().filter(|own| **own == kind).count();
     assert_eq!((count(0, Some("WallSurface")), count(0, Some("RoofSurface")), count(0, None)), (5, 1, 0));
     assert_eq!((count(1, Some("WallSurface")), count(1, Some("RoofSurface")), count(1, None)), (5, 0, 1));
-    // What was written is the same model.
+    // Importing the exported file gives the same model.
     let again = import(&folder.join("b.city.json"), &folder.join("b.goblin")).unwrap();
     let volume = |model: &ExactModel| MassProperties::of(model, &()).unwrap().volume;
     assert_eq!(volume(&again), volume(&model));
@@ -197,7 +198,7 @@ fn addresses_and_extents_follow_the_model() {
     assert_eq!(extents(&found), [extent.clone(), extent, Value::Null]);
     assert_eq!(found["CityObjects"]["part"]["address"][1], json!({ "a": 1.5 }));
 
-    // Ten to the east, and half as large around the world's origin.
+    // Scaled by half around the origin, and moved 10 to the east.
     let (motion, moved) = (
         Motion::from_rows([[0.5, 0.0, 0.0, 10.0], [0.0, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.0]]).unwrap(),
         folder.join("m.goblin"),
@@ -213,7 +214,7 @@ fn addresses_and_extents_follow_the_model() {
     assert_eq!(found["metadata"]["geographicalExtent"], extent);
     assert_eq!(extents(&found), [extent.clone(), extent, Value::Null]);
 
-    // Numbers of vertices that are not there.
+    // Vertex numbers out of range.
     let text = original.to_string().replace("\"boundaries\":[0,2]", "\"boundaries\":[0,11]");
     let error = model_of(&serde_json::from_str(&text).unwrap(), folder).err().unwrap().to_string();
     assert!(error.contains("vertex 11 of 11"), "{error}");
@@ -253,7 +254,7 @@ fn feet_are_feet_and_degrees_are_refused() {
     for (epsg, unit) in [(7415, "m"), (2263, "us-ft"), (2222, "ft")] {
         let model = of(epsg).unwrap();
         assert_eq!(model.unit(), Some(unit), "{epsg}");
-        // In the unit of the system, as before.
+        // In the unit of the coordinate system, as before.
         let found = written(&model, folder);
         assert_eq!(
             placed(&json!([7, 0]), &found),
@@ -316,7 +317,7 @@ fn reported_files_come_back() {
         import(&folder.join("cj_unit.city.json"), &out.path().join("a.goblin")).unwrap().unit(),
         Some("us-ft")
     );
-    // Text meshes of other programs, each of one box.
+    // Text meshes of other programs, each with one box.
     let faces = |name: &str| {
         let mut model = open_all(&[folder.join(name)], MEMORY).unwrap().remove(0);
         let (mut faces, mut colours) = (0, Vec::<[u8; 3]>::new());

@@ -1,4 +1,5 @@
-//! Cloud-optimized GeoTIFF against the tree: the file is taken apart here, tiles are decoded by the `tiff` crate.
+//! Cloud-optimized GeoTIFF against the tree: this test parses the file, and the `tiff` crate
+//! decodes tiles.
 
 use std::collections::BTreeMap;
 use std::io::{Cursor, Read};
@@ -18,10 +19,10 @@ use crate::common::{Cells, QUAD, dataset, made, opened, options, quad, value_typ
 const OFFSETS: u16 = 324;
 const COUNTS: u16 = 325;
 
-/// A directory: the numbers of each tag. Texts are numbers, too.
+/// A directory: the numbers of each tag. Strings are numbers, too.
 type Tags = BTreeMap<u16, Vec<u64>>;
 
-/// A file taken apart.
+/// A parsed file.
 struct Parts {
     bytes: Vec<u8>,
     big: bool,
@@ -70,7 +71,7 @@ impl Parts {
         Some(String::from_utf8(bytes).unwrap().trim_end_matches('\0').to_string())
     }
 
-    /// Checks what GDAL's description of the layout promises.
+    /// Checks what GDAL's layout description promises.
     fn check_layout(&self) {
         let header = if self.big { 16 } else { 8 };
         let ghost = std::str::from_utf8(&self.bytes[header..header + 43]).unwrap();
@@ -85,7 +86,8 @@ impl Parts {
         assert!(self.directories.is_sorted_by_key(|(at, _)| *at));
         assert_eq!(self.directories[0].0, (header + 43 + size).next_multiple_of(2) as u64);
         let step = if has_masks { 2 } else { 1 };
-        // Tiles stand one behind the other, those of the smallest overview first, a mask's behind the picture's.
+        // Tiles are contiguous, the smallest overview's first; mask tiles follow those of the
+        // image.
         let mut expected = None;
         for level in self.directories.chunks(step).rev() {
             for tile in 0..level[0].1[&OFFSETS].len() {
@@ -113,7 +115,7 @@ impl Parts {
         );
     }
 
-    /// Compares every tile of every level with what the tree answers.
+    /// Compares every tile of every level with the tree.
     fn check_tiles(&self, tree: &Dataset, request: &CogRequest) {
         let side = u64::from(request.tile_size);
         let width = tree.header().form.width();
@@ -167,7 +169,7 @@ impl Parts {
     }
 }
 
-/// Samples in the order of the file.
+/// Returns the samples in the byte order of the file.
 fn decoded(samples: DecodingResult) -> Vec<u8> {
     use DecodingResult::*;
     match samples {
@@ -189,7 +191,7 @@ fn request(tile_size: u32, compression: CogCompression) -> CogRequest {
     with(CogRequest::new(), |request| (request.tile_size, request.compression) = (tile_size, compression))
 }
 
-/// The bytes of the file of a tree.
+/// Returns the exported file of a tree.
 fn exported(tree: &Dataset, request: &CogRequest) -> Vec<u8> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.tif");
@@ -197,7 +199,7 @@ fn exported(tree: &Dataset, request: &CogRequest) -> Vec<u8> {
     std::fs::read(&path).unwrap()
 }
 
-/// Exports a tree and checks all of the file.
+/// Exports a tree and checks the whole file.
 fn checked(tree: &Dataset, request: &CogRequest) -> Parts {
     let parts = Parts::of(exported(tree, request));
     parts.check_layout();
@@ -212,7 +214,7 @@ fn all_values_in_all_codings() {
         for void in [false, true] {
             let form = quad(value.sample, value.channels);
             let cells = Cells::random(form, seed as u64, [333, 200, 1], 200, void);
-            // (The decoder hands out a fourth sample where it is opacity.)
+            // The decoder returns a fourth sample if it is opacity.
             let alpha = (value.channels == 4).then_some(3);
             let metadata = Metadata { alpha, ..Metadata::default() };
             let options = options(Rule::Mean, DataKind::Continuous, cells.depth()).metadata(metadata);
@@ -247,7 +249,7 @@ fn tiny_and_odd_sizes() {
 
 #[test]
 fn masks_where_every_number_is_in_use() {
-    // All numbers of a byte, and VOID in places: a whole tile of it, too.
+    // All values of a byte, and scattered VOID cells, including a whole tile of them.
     let cells = made(QUAD, [300, 200, 1], |[x, y, _]| {
         let is_void = x % 7 == 0 || ((128..192).contains(&x) && y < 64);
         (!is_void).then(|| Value::from([(x * 31 + y * 17) as u8]))
@@ -269,7 +271,7 @@ fn masks_where_every_number_is_in_use() {
     assert_eq!(parts.text(0, 42113), None);
     assert_eq!(parts.directories[0].1[&OFFSETS][2], 0, "an empty tile");
     assert_eq!(parts.directories[1].1[&259], [8], "masks are deflated");
-    // A number that cells have cannot mean VOID.
+    // A value that occurs in cells cannot be nodata.
     let asked = with(request(64, CogCompression::Zstd), |request| request.nodata = Some(7.0.into()));
     let output = Output::create(&folder.path().join("x.tif")).unwrap();
     let error = export_cog(&tree, &asked, output, &()).unwrap_err().to_string();
@@ -344,7 +346,7 @@ fn views_and_large_files() {
     let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
     let tree = tree.view(&["window=13,27,333,222".parse().unwrap()]).unwrap();
     checked(&tree, &request(64, CogCompression::Deflate));
-    // Little in a large space: offsets of 64 bits, and tiles that are not there.
+    // Few cells in a large space: 64-bit offsets and missing tiles.
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
     let text = format!("{}BWWW{}", "G".repeat(16), "WWW".repeat(15));

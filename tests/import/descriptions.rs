@@ -1,4 +1,4 @@
-//! Descriptions of pictures, from files through trees and out again.
+//! Raster metadata, from files through trees to files.
 
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ const XML: &str = "<GDALMetadata>
   <Item name=\"WILD\" sample=\"9\">nowhere</Item>
 </GDALMetadata>";
 
-/// A tree of a picture, and what is said of the pictures that are made of it.
+/// A tree built from an image, and the metadata of images exported from it.
 struct Trip {
     folder: tempfile::TempDir,
     tree: spinney::Dataset,
@@ -61,13 +61,13 @@ impl Trip {
         raster::open(path, &Default::default()).unwrap().info().clone()
     }
 
-    /// A window at a level.
+    /// Returns the metadata of a window at a level.
     fn window(&self, min: [u64; 3], max: [u64; 3], level: u8) -> RasterInfo {
         self.write(&self.path("out.tif"), Bounds { min, max }, Detail::Level(level))
     }
 }
 
-/// Everything that does not depend on the part that is shown.
+/// Compares all metadata that does not depend on the window.
 fn assert_same(found: &RasterInfo, expected: &RasterInfo) {
     assert_eq!(found.band_names, expected.band_names);
     assert_eq!(found.units, expected.units);
@@ -100,7 +100,7 @@ fn scales_units_names_and_tags_come_through() {
 
 #[test]
 fn nodata_of_one_band_is_missing_there_alone() {
-    // Red is nodata in the first pixel, everything in the last.
+    // The first pixel has nodata in red, the last one in all bands.
     let pixels = vec![0, 50, 60, 10, 26, 36, 30, 0, 90, 0, 0, 0];
     let picture = Ifd::grey(4, 1, pixels.clone()).short(277, &[3]).short(258, &[8; 3]).short(262, &[2]);
     let picture = picture.tag(42113, Values::Text("0"));
@@ -118,12 +118,12 @@ fn nodata_of_one_band_is_missing_there_alone() {
     assert_eq!(read(Detail::Level(2)), pixels);
     assert_eq!(read(Detail::Level(1)), [10, 38, 48, 30, 0, 90]);
     assert_eq!(read(Detail::Level(0)), [20, 38, 62]);
-    // Averages over other areas than those of cells.
+    // Averages over areas that differ from the cells.
     assert_eq!(read(Detail::Size(3, 1)), [10, 44, 54, 20, 26, 63, 30, 0, 90]);
     let cells: Vec<u64> =
         trip.tree.statistics(None, &()).unwrap().channels.iter().map(|channel| channel.cells).collect();
     assert_eq!(cells, [2, 2, 3]);
-    // Beside opacity nothing is missing, nor where there is one band.
+    // With an opacity band, or with only one band, no sample is missing.
     let with_opacity = picture.short(277, &[4]).short(258, &[8; 4]).short(338, &[2]);
     let (_, trip) = Trip::of(&file(&[with_opacity.short(256, &[3])]), None, &ImportOptions::new());
     assert_eq!(trip.tree.header().form.value.mask, Mask::Alpha);
@@ -160,7 +160,7 @@ fn names_of_values_go_into_a_sidecar() {
     assert_same(&trip.window([0; 3], [4, 4, 1], 2), &info);
     assert_same(&trip.window([0; 3], [2, 2, 1], 1), &info);
     assert!(trip.path("out.tif.aux.xml").exists());
-    // A picture without names that takes the place has nothing to do with the names that are there.
+    // An image without names replaces the file, and does not inherit names from its sidecar.
     let (_, other) = Trip::of(&file(&[Ifd::grey(4, 4, vec![3; 16])]), None, &ImportOptions::new());
     let found = other.write(&trip.path("out.tif"), Bounds { min: [0; 3], max: [4, 4, 1] }, Detail::Level(2));
     assert!(found.class_names.is_empty() && !trip.path("out.tif.aux.xml").exists());
@@ -187,7 +187,7 @@ fn control_points_move_and_shrink_with_the_picture() {
     assert_eq!(at(trip.window([4, 0, 0], [8, 4, 1], 2)), [[-2.0, 0.0], [2.0, 1.25]]);
     let bounds = Bounds { min: [0; 3], max: [8, 4, 1] };
     assert_eq!(at(trip.write(&trip.path("out.tif"), bounds, Detail::Size(16, 4))), [[0.0, 0.0], [16.0, 2.5]]);
-    // Of a view, they are where its cells are.
+    // For a view, coordinates follow its cells.
     let steps = ["window=2,1,4,3", "mirror=x"].map(|step| step.parse().unwrap());
     let view = trip.tree.view(&steps).unwrap();
     let cells: Vec<_> =

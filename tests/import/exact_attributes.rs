@@ -28,7 +28,7 @@ fn read(path: &Path) -> Value {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// What is said of each part, and of files.
+/// Returns the attributes of each part, and of files.
 fn attributes(model: &ExactModel) -> (Vec<Option<String>>, Vec<String>) {
     let parts = (0..model.parts().len() as u32).map(|part| model.part_attributes(part).unwrap());
     (parts.collect(), model.file_attributes().unwrap())
@@ -36,7 +36,7 @@ fn attributes(model: &ExactModel) -> (Vec<Option<String>>, Vec<String>) {
 
 const TRANSFORM: &str = r#""transform":{"scale":[1,1,1],"translate":[0,0,0]}"#;
 
-/// A cube of one unit as a geometry, and its vertices.
+/// Returns a unit cube as a geometry, and its vertices.
 fn cube(x: i32) -> (String, String) {
     let sides = "[[[0,3,2,1]],[[4,5,6,7]],[[0,1,5,4]],[[1,2,6,5]],[[2,3,7,6]],[[3,0,4,7]]]";
     let geometry = format!(r#""geometry":[{{"type":"Solid","lod":"2","boundaries":[{sides}]}}]"#);
@@ -65,7 +65,7 @@ fn text() -> String {
     )
 }
 
-/// City objects without their geometry.
+/// Returns the city objects without their geometry.
 fn objects(file: &Value) -> Map<String, Value> {
     let mut objects = file["CityObjects"].as_object().unwrap().clone();
     objects.values_mut().for_each(|object| _ = object.as_object_mut().unwrap().remove("geometry"));
@@ -114,16 +114,16 @@ fn attributes_come_back() {
     let [first, second] = ["a.city.json", "b.city.json"].map(|name| read(&at(name)));
     assert_eq!(objects(&second), objects(&first));
     let mut metadata = first["metadata"].clone();
-    // (The extent is that of the model.)
+    // The extent is that of the model.
     metadata["geographicalExtent"] = second["metadata"]["geographicalExtent"].clone();
     assert!(metadata["geographicalExtent"].is_array());
     assert_eq!(second["metadata"], metadata);
     assert_eq!(second["extensions"], first["extensions"]);
-    // Texts are the same to the last digit, and the model is, too.
+    // Strings are identical, including all digits, and so is the model.
     let (again, _) = import(&[at("b.city.json")], &at("b.goblin"));
     assert_eq!(attributes(&again), attributes(&model));
     assert_eq!(again.metadata().frame.crs, model.metadata().frame.crs);
-    // A model of models keeps them as well.
+    // A model built from a model keeps them as well.
     let (again, _) = import(&[at("a.goblin")], &at("c.goblin"));
     assert_eq!(attributes(&again), attributes(&model));
 
@@ -133,7 +133,7 @@ fn attributes_come_back() {
     }
 }
 
-/// Without attributes there is nothing of them in the file.
+/// Without attributes the file has no attribute table.
 #[test]
 fn objects_of_no_type_have_none() {
     let folder = tempfile::tempdir().unwrap();
@@ -148,12 +148,12 @@ fn objects_of_no_type_have_none() {
     export(&model, &at("b.city.json"), MeshFormat::CityJson);
     let (again, _) = import(&[at("b.city.json")], &at("b.goblin"));
     assert_eq!(again.parts(), model.parts());
-    // (Of metadata there is the extent alone.)
+    // The metadata has only the extent.
     let metadata = &read(&at("b.city.json"))["metadata"];
     assert_eq!(metadata.as_object().unwrap().keys().collect::<Vec<_>>(), ["geographicalExtent"]);
 }
 
-/// Sequences, and several files: parts follow one another; what two files say of themselves is said of neither alone.
+/// Sequences and several files: parts are concatenated; conflicting file metadata is dropped.
 #[test]
 fn sequences_and_several_files() {
     let folder = tempfile::tempdir().unwrap();
@@ -180,7 +180,7 @@ fn sequences_and_several_files() {
         json!({ "title": "S", "geographicalExtent": [5.0, 0.0, 0.0, 9.0, 1.0, 1.0] })
     );
 
-    // (The sequence does not say where it lies: the second file is one that says nothing either.)
+    // The sequence has no coordinate system, so the second file has none either.
     std::fs::write(at("b.city.json"), text().replace("referenceSystem", "other")).unwrap();
     let (model, report) = import(&[at("s.city.jsonl"), at("b.city.json")], &at("both.goblin"));
     assert_eq!(report.attributes, 4);
@@ -196,15 +196,15 @@ fn sequences_and_several_files() {
     assert_eq!(file["metadata"], json!({ "geographicalExtent": [0.0, 0.0, 0.0, 9.0, 1.0, 1.0] }));
 }
 
-/// More than the metadata of a file have room for: what is said of many objects, long values and names. What does not fit into
-/// memory is told.
+/// Attributes larger than a file's metadata: many objects, long values and names. Losses due to the
+/// memory limit are reported.
 #[test]
 fn attributes_may_be_long() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let (geometry, vertices) = cube(0);
     let long = "x".repeat(15 << 20);
-    // Objects of many kinds, so that there are more lists of members than columns' lists are kept for.
+    // Objects of many kinds, so that there are more member lists than are cached.
     let object = |number: usize| {
         let members: Vec<String> =
             (0..13).filter(|bit| number >> bit & 1 == 1).map(|bit| format!("\"m{bit}\":{number}")).collect();
@@ -256,7 +256,8 @@ fn objects_that_are_none_are_refused() {
     }
 }
 
-/// What a file says, with the faces of a tetrahedron for its own, which bound no body together.
+/// Replaces a model's faces by those of a tetrahedron, which bound no solid together, and keeps its
+/// attributes.
 struct Stand {
     info: ModelInfo,
 }
@@ -277,7 +278,7 @@ impl Model for Stand {
     }
 }
 
-/// All that real files say of their objects comes back.
+/// All attributes of objects in real files are preserved.
 #[test]
 fn real_attributes_come_back() {
     let Some(data) = shared_data() else { return println!("skipped: no test data") };
@@ -299,7 +300,7 @@ fn real_attributes_come_back() {
     }
 }
 
-/// Values of faces come back, one by one and column by column, of complements, too.
+/// Face values are preserved, singly and column by column, also for complements.
 #[test]
 fn values_of_faces_come_back() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! Exact models as they are built: cells against all faces, points against winding numbers, and the degenerate families.
+//! Built exact models: cells against all faces, points against winding numbers, and degenerate
+//! families.
 
 use spinney::ExactModel;
 use spinney::brep::{FaceBuffer, Faces, Grid, Location};
@@ -8,7 +9,7 @@ use spinney::raw::geometry::{Box3, GridPolygon, Triangulator};
 use crate::common::Random;
 use crate::common::exact::{Ring, built, cuboid, file_of, model, model_on, prism, snapped, turned};
 
-/// Moves all corners.
+/// Translates all vertices.
 fn moved(mut faces: Vec<Vec<Ring>>, by: [i32; 3]) -> Vec<Vec<Ring>> {
     for point in faces.iter_mut().flatten().flatten() {
         (0..3).for_each(|axis| point[axis] += by[axis]);
@@ -16,7 +17,7 @@ fn moved(mut faces: Vec<Vec<Ring>>, by: [i32; 3]) -> Vec<Vec<Ring>> {
     faces
 }
 
-/// A box turned so that no face lies along the axes: its corners by integer vectors that are orthogonal.
+/// A box without axis-parallel faces: its edges are orthogonal integer vectors.
 fn turned_cube(origin: [i32; 3], scale: i32) -> Vec<Vec<Ring>> {
     let sides = [[2, 2, 1], [-2, 1, 2], [1, -2, 2]];
     let map = |p: &[i32; 3]| {
@@ -27,7 +28,7 @@ fn turned_cube(origin: [i32; 3], scale: i32) -> Vec<Vec<Ring>> {
     faces.iter().map(|rings| rings.iter().map(|ring| ring.iter().map(map).collect()).collect()).collect()
 }
 
-/// Bodies that are hard in some way, each with its name.
+/// Returns named degenerate solids.
 fn families() -> Vec<(&'static str, Vec<Vec<Ring>>)> {
     let unit = |at: [i32; 3]| cuboid(at, at.map(|at| at + 100));
     let joined = |parts: &[Vec<Vec<Ring>>]| parts.concat();
@@ -73,7 +74,7 @@ fn families() -> Vec<(&'static str, Vec<Vec<Ring>>)> {
     ]
 }
 
-/// Nodes of a model.
+/// Traverses a model's nodes.
 fn walk<'a>(model: &'a ExactModel, node: &ModelNode<'a>, visit: &mut dyn FnMut(&ModelNode<'a>)) {
     visit(node);
     for child in model.children(node).unwrap().iter().flatten() {
@@ -81,8 +82,8 @@ fn walk<'a>(model: &'a ExactModel, node: &ModelNode<'a>, visit: &mut dyn FnMut(&
     }
 }
 
-/// How often the faces go around a point in 64ths of the grid's units, by a ray in a direction that meets no edge;
-/// `None` if the point lies on a face. In wide integers, by solid volumes, and not as the library does it.
+/// Returns the winding number of a point, in 64ths of grid units, by a ray that meets no edge;
+/// `None` if the point lies on a face. Uses wide integers and signed volumes, unlike the library.
 fn winding(faces: &FaceList, point: [i64; 3]) -> Option<i32> {
     let wide = |p: [i64; 3]| p.map(i128::from);
     let minus = |a: [i128; 3], b: [i128; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -109,7 +110,8 @@ fn winding(faces: &FaceList, point: [i64; 3]) -> Option<i32> {
                 let height = volume(a, b, c);
                 let sides = [normal(a, b), normal(b, c), normal(c, a)].map(sign);
                 if height == zero {
-                    // In the plane: on the triangle, if it lies to one side of no edge.
+                    // In the plane: the point is on the triangle if no two edges have it on
+                    // opposite sides.
                     let n = {
                         let (u, v) = (minus(b, a), minus(c, a));
                         [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
@@ -121,7 +123,7 @@ fn winding(faces: &FaceList, point: [i64; 3]) -> Option<i32> {
                     continue;
                 }
                 if sides.contains(&0) {
-                    // The ray may pass through an edge: another direction.
+                    // If the ray meets an edge, try another direction.
                     let around = sides.iter().all(|s| *s >= 0) || sides.iter().all(|s| *s <= 0);
                     if around {
                         continue 'directions;
@@ -138,8 +140,8 @@ fn winding(faces: &FaceList, point: [i64; 3]) -> Option<i32> {
     panic!("no direction misses all edges from {point:?}");
 }
 
-/// Points of all families, on a lattice that has corners, edges and faces in it, and at random, are where the winding
-/// number says.
+/// Random points and lattice points that include vertices, edges and faces, for all families, are
+/// classified like their winding number.
 #[test]
 fn points_are_where_winding_numbers_say() {
     let mut random = Random(1);
@@ -157,9 +159,9 @@ fn points_are_where_winding_numbers_say() {
                     face.points[random.below(face.points.len() as u64) as usize].map(i64::from)
                 };
                 let point: [i64; 3] = match round % 4 {
-                    // Anywhere.
+                    // A random point.
                     0 => std::array::from_fn(|_| random.below(64 * 1000) as i64),
-                    // A corner, a middle between two, and coordinates of several.
+                    // A vertex, a midpoint of two, and mixed coordinates of several.
                     1 => corner(&mut random).map(|at| 64 * at),
                     2 => {
                         let (a, b) = (corner(&mut random), corner(&mut random));
@@ -186,7 +188,8 @@ fn points_are_where_winding_numbers_say() {
     }
 }
 
-/// A point of a face that goes through an edge of its cell, and cuts only the cells beside it, is on the boundary.
+/// A point on a face that passes through an edge of the point's cell, and cuts only the adjacent
+/// cells, is on the boundary.
 #[test]
 fn points_on_edges_of_cells_may_lie_on_faces() {
     let list = model(&prism(&[vec![[0, 0], [3, 0], [0, 3]]], 0, 4));
@@ -200,8 +203,8 @@ fn points_on_edges_of_cells_may_lie_on_faces() {
     }
 }
 
-/// Each leaf has the faces that cut its cell, and no others, by the five-stage test of all faces; cells without any are
-/// inside or outside as their middles are.
+/// Each leaf has exactly the faces that cut its cell, by the five-stage test against all faces.
+/// Cells without faces are inside or outside like their centres.
 #[test]
 fn leaves_have_the_faces_that_cut_them() {
     for (name, faces) in families() {
@@ -245,14 +248,14 @@ fn leaves_have_the_faces_that_cut_them() {
     }
 }
 
-/// Without cells of few faces the tree is the extended octree of the literature, with the rule that a cell also ends
-/// where its planes have a point in common that lies elsewhere: 25 nodes were measured for a turned cube, 105 without
-/// the rule.
+/// Without the limit on faces per cell, the tree is the extended octree of the literature, with the
+/// rule that a cell also ends if its planes meet in a point outside of it: 25 nodes were measured
+/// for a rotated cube, 105 without the rule.
 #[test]
 fn a_turned_cube_has_few_nodes_of_all_kinds() {
     let grid = Grid::over([[0.0; 3], [f64::from((1 << 26) - 1); 3]], Some(1.0)).unwrap();
     let mut totals = Vec::new();
-    // Quaternions give orthogonal sides of whole numbers.
+    // Quaternions give orthogonal integer edge vectors.
     for [a, b, c, d] in [[10, 1, 1, 0], [10, 2, 1, 1], [5, 1, 1, 1], [7, 3, 1, 2]] {
         let sides = [
             [a * a + b * b - c * c - d * d, 2 * (b * c + a * d), 2 * (b * d - a * c)],
@@ -260,7 +263,7 @@ fn a_turned_cube_has_few_nodes_of_all_kinds() {
             [2 * (b * d + a * c), 2 * (c * d - a * b), a * a - b * b - c * c + d * d],
         ];
         let scale = 30_000_000 / (a * a + b * b + c * c + d * d);
-        // Its middle is that of the space, but for some steps.
+        // Its centre is that of the space, up to a few grid units.
         let map = |p: &[i32; 3]| {
             [0, 1, 2].map(|axis| {
                 let along = |side: usize| (2 * p[side] - 1) * sides[side][axis] * (scale / 2);
@@ -281,7 +284,8 @@ fn a_turned_cube_has_few_nodes_of_all_kinds() {
     assert!(totals.iter().all(|total| *total <= 25), "{totals:?}");
 }
 
-/// Planes with a common line make EDGE cells, also where four faces meet in it; parallel ones meet far away.
+/// Planes with a common line give EDGE cells, also if four faces meet in it; parallel planes meet
+/// at infinity.
 #[test]
 fn kinds_are_what_planes_have_in_common() {
     let two = [cuboid([100; 3], [200, 200, 900]), cuboid([200, 200, 100], [300, 300, 900])].concat();
@@ -298,7 +302,7 @@ fn kinds_are_what_planes_have_in_common() {
     assert!(report.nodes.edge > 0 && report.nodes.total() < 400, "{:?}", report.nodes);
 }
 
-/// Surfaces that bound no body are refused, with the places.
+/// Surfaces that bound no solid are rejected with the positions of defects.
 #[test]
 fn surfaces_that_bound_nothing_are_refused() {
     let at = |at: i32| cuboid([at; 3], [at + 100; 3]);
@@ -317,13 +321,13 @@ fn surfaces_that_bound_nothing_are_refused() {
     has(&[at(100), at(100)].concat(), DefectKind::Overlap);
     has(&[cuboid([0; 3], [300; 3]), cuboid([100; 3], [200; 3])].concat(), DefectKind::Winding(2));
     has(&turned(cuboid([0, 0, 511], [900, 900, 512])), DefectKind::Winding(-1));
-    // Small and inside out, far from the corners of any cell.
+    // Small and inside out, far from any cell corner.
     has(
         &[cuboid([0; 3], [900; 3]), cuboid([411, 333, 507], [412, 334, 508])].concat(),
         DefectKind::Winding(2),
     );
     has(&turned(turned_cube([300, 300, 300], 1)), DefectKind::Winding(-1));
-    // Edges that meet edges, and the diagonals of faces, exactly.
+    // Edges that meet edges and face diagonals exactly.
     for corners in [[150, 150, 150], [150, 150, 120], [100, 150, 150], [150, 100, 100], [150, 125, 110]] {
         assert!(!kinds(&[at(100), cuboid(corners, corners.map(|at| at + 100))].concat()).is_empty());
         let triangles = |faces: Vec<Vec<Ring>>| -> Vec<Vec<Ring>> {
@@ -336,12 +340,12 @@ fn surfaces_that_bound_nothing_are_refused() {
         let both = [triangles(at(100)), triangles(cuboid(corners, corners.map(|at| at + 100)))].concat();
         assert!(!kinds(&both).is_empty(), "{corners:?}");
     }
-    // The place of a defect is where it is.
+    // Defects are reported at their positions.
     let found = kinds(&[at(100), at(150)].concat());
     assert!(found.iter().all(|defect| defect.place.iter().all(|at| (95.0..255.0).contains(at))), "{found:?}");
 }
 
-/// Files do not depend on the memory that building may use, nor on the number of threads.
+/// Files depend neither on the memory limit nor on the thread count.
 #[test]
 fn bytes_depend_on_neither_memory_nor_threads() {
     let Some(list) = snapped("spot.ply", &|_| true) else { return };
@@ -355,7 +359,7 @@ fn bytes_depend_on_neither_memory_nor_threads() {
     }
 }
 
-/// A builder takes no faces that are none.
+/// Builders reject invalid faces.
 #[test]
 fn faces_that_are_none_are_refused() {
     let list = |rings: &[Ring]| model(&[rings.to_vec()]);
@@ -372,7 +376,7 @@ fn faces_that_are_none_are_refused() {
     }
 }
 
-/// No change of a byte makes a file panic or hang: it is found, or answers are other ones.
+/// No changed byte causes a panic or a hang: the corruption is found, or results differ.
 #[test]
 fn damaged_files_are_found() {
     let list = model(&families()[12].1);
@@ -404,7 +408,7 @@ fn damaged_files_are_found() {
     assert_eq!(found, 4_000, "every change is found: all bytes have a checksum");
 }
 
-/// With all faces in one file, questions by number of faces that are not there are errors.
+/// With all faces in one block, queries for face numbers out of range are errors.
 #[test]
 fn faces_that_are_not_there_are_errors() {
     let file = file_of(&model(&cuboid([0; 3], [100; 3])));

@@ -18,7 +18,7 @@ fn grid() -> Grid {
     Grid { bits: 6, origin: [0; 3], step: 0.5, divisor: 1.0 }
 }
 
-/// Boxes, each of which is an object.
+/// Returns boxes, each an object.
 fn boxes(blocks: &[Block]) -> FaceList {
     let mut list = FaceList::new(grid(), Vec::new());
     for (part, [low, high]) in (0..).zip(blocks) {
@@ -36,14 +36,14 @@ fn contacts(faces: FaceList, most: usize) -> (Vec<ObjectContact>, Vec<u32>) {
     (found, open.unwrap())
 }
 
-/// Sides of what two boxes have in common, if they have anything.
+/// Returns the intersection of two boxes, if any.
 fn common([low, high]: &Block, [other_low, other_high]: &Block) -> Option<Block> {
     let least = [0, 1, 2].map(|axis| low[axis].max(other_low[axis]));
     let most = [0, 1, 2].map(|axis| high[axis].min(other_high[axis]));
     (0..3).all(|axis| least[axis] <= most[axis]).then_some([least, most])
 }
 
-/// The way in which two boxes meet, and how much they have in common, in steps.
+/// Returns the contact kind of two boxes, and the size of their intersection in grid units.
 fn expected(one: &Block, other: &Block) -> Option<(ContactKind, i32, i32)> {
     let [low, high] = common(one, other)?;
     let sides = [0, 1, 2].map(|axis| high[axis] - low[axis]);
@@ -61,7 +61,7 @@ fn expected(one: &Block, other: &Block) -> Option<(ContactKind, i32, i32)> {
     Some((ContactKind::Touch, 0, area))
 }
 
-/// Boxes at random meet as their sides say.
+/// Random boxes have the contacts that their sides imply.
 #[test]
 fn boxes_meet_as_their_sides_say() {
     let mut random = Random(5);
@@ -94,13 +94,13 @@ fn boxes_meet_as_their_sides_say() {
         kinds.keys().copied().collect::<Vec<_>>(),
         ["contains", "equal", "overlap", "touch", "within"]
     );
-    // Enough is enough, and little memory is not.
+    // The search stops at the limit, and fails with too little memory.
     assert_eq!(contacts(boxes(&blocks), 3).0, found[..3]);
     let error = object_contacts(boxes(&blocks), Path::new("boxes"), 1 << 10, &(), &mut |_| Ok(true));
     assert!(matches!(error, Err(Error::TooLarge { .. })), "{error:?}");
 }
 
-/// Bodies inside out count as inside, cavities do not, and open ones are left out.
+/// Inside-out solids have an inside, cavities do not, and open objects are skipped.
 #[test]
 fn objects_may_be_flawed() {
     let mut list = FaceList::new(grid(), Vec::new());
@@ -111,7 +111,7 @@ fn objects_may_be_flawed() {
     };
     add(0, 0, 20, false, 6);
     add(0, 4, 16, true, 6);
-    // In the cavity of the first one, and in its wall, inside out; and one that is open.
+    // In the cavity of the first one, and in its wall, inside out; and an open one.
     add(1, 6, 10, false, 6);
     add(2, 1, 3, true, 6);
     add(3, 2, 12, false, 5);
@@ -132,7 +132,7 @@ fn of_file(path: &Path) -> Vec<ModelContact> {
     found
 }
 
-/// Objects of a mesh file and of the exact model that is built of it meet in the same way.
+/// A mesh file's objects and those of the exact model built from it have the same contacts.
 #[test]
 fn objects_of_files_meet() {
     let folder = tempfile::tempdir().unwrap();
@@ -164,12 +164,12 @@ fn objects_of_files_meet() {
     assert_eq!((again, open.unwrap()), (vec![*contact], vec![]));
 }
 
-/// An object with corners beside the grid meets another one where that is, exactly.
+/// Contacts of objects with off-grid vertices are exact.
 #[test]
 fn repaired_objects_meet() {
     let folder = tempfile::tempdir().unwrap();
     let [mesh, path] = ["a.obj", "a.goblin"].map(|name| folder.path().join(name));
-    // Two tetrahedra that pass through each other, and one at a corner of theirs.
+    // Two tetrahedra that intersect, and one at a vertex of their intersection.
     let text = "o one\nv 0 0 0\nv 7 0 0\nv 0 7 0\nv 0 0 7\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\nv 1 1 1\nv 9 1 2\nv 2 8 1\nv 1 2 9\n\
                 f 5 7 6\nf 5 6 8\nf 5 8 7\nf 6 7 8\no other\nv 10 1 2\nv 10 2 2\nv 10 1 3\nf 6 10 9\nf 6 9 11\nf 6 11 10\nf 9 10 11\n";
     std::fs::write(&mesh, text).unwrap();
@@ -187,7 +187,7 @@ fn repaired_objects_meet() {
     assert_eq!((found, open.unwrap()), (vec![(ContactKind::Touch, 0.0, [9.0, 1.0, 2.0])], vec![]));
 }
 
-/// Buildings that a real file has, some of which lean on each other or pass through each other.
+/// Buildings of a real file, some of which touch or intersect.
 #[test]
 fn real_objects_meet() {
     let Some(path) = shared_data().map(|data| data.join("mesh/cityjson/DH_01_subs.city.json")) else {

@@ -1,4 +1,4 @@
-//! Interruption of long work on exact models, at any of the moments at which it asks, and its progress.
+//! Cancellation of long operations on exact models, at any of their checks, and their progress.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -13,15 +13,15 @@ use spinney::raw::export::vector::{SectionPlanes, export_objects, export_section
 use spinney::raw::import::mesh::model_contacts;
 use spinney::{Codec, Error, ExactModel, OpenOptions, Output, Progress, Result, SetOperation};
 
-/// So little that faces go to temporary files; but for a repair, which holds them.
+/// Little enough that faces go to temporary files; repairs need to hold them.
 const MEMORY: u64 = 1 << 20;
 const PLENTY: u64 = 64 << 20;
 
-/// Somebody who wants to stop as soon as that has been asked so many times, and notes what is done.
+/// Cancels after a number of checks, and records progress.
 struct Impatient {
     patience: u64,
     asked: AtomicU64,
-    /// Work that was done, and each total that was told.
+    /// The work done, and each total reported.
     told: Mutex<(u64, Vec<u64>)>,
 }
 
@@ -43,11 +43,11 @@ impl Progress for Impatient {
     }
 }
 
-/// Work that writes a file into a folder, if it writes one.
+/// An operation that may write a file into a directory.
 type Work<'a> = dyn Fn(&Path, &dyn Progress) -> Result<()> + 'a;
 
-/// Does work, which asks at least so many times, and interrupts it at many of these moments: each time it ends as interrupted, and leaves
-/// nothing in its folder. Returns what was told when it was not.
+/// Runs an operation with at least `least` checks and cancels it at many of them: each time it ends
+/// as cancelled and leaves no file. Returns the progress of the run without cancellation.
 fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
     const MOMENTS: u64 = 16;
     let run = |patience: u64| {
@@ -62,7 +62,7 @@ fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
     let all = patient.asked.into_inner();
     assert!(all >= least, "{what}: asked {all} times, not {least}");
     for moment in 0..MOMENTS {
-        // (The last question is one of them.)
+        // Includes the last check.
         let patience = (all - 1) * moment / (MOMENTS - 1);
         let (done, _, left) = run(patience);
         assert!(matches!(done, Err(Error::Interrupted)), "{what} after {patience} of {all}: {done:?}");
@@ -71,7 +71,8 @@ fn check(what: &str, least: u64, work: &Work<'_>) -> (u64, Vec<u64>) {
     patient.told.into_inner().unwrap()
 }
 
-/// Two tori that pass through each other, each of `2 * side * side` triangles, as OBJ with an object each; or one of them.
+/// Returns two intersecting tori, each of `2 * side * side` triangles, as an OBJ file with an
+/// object each; or one of them.
 fn tori(folder: &Path, side: i32, which: &[i32]) -> PathBuf {
     let angle = |step: i32| f64::from(step) * std::f64::consts::TAU / f64::from(side);
     let mut text = String::new();
@@ -110,7 +111,7 @@ fn build(mesh: &Path, options: &ExactOptions, folder: &Path, progress: &dyn Prog
     import_exact(models, options, Output::create(&folder.join("model.goblin"))?, progress).map(|_| ())
 }
 
-/// Models of the first torus and of the second one.
+/// Returns models of the first and the second torus.
 fn models(folder: &Path, side: i32) -> [ExactModel; 2] {
     [0, 1].map(|shift| {
         let mesh = tori(folder, side, &[shift]);
@@ -124,7 +125,7 @@ fn models(folder: &Path, side: i32) -> [ExactModel; 2] {
 #[test]
 fn builds_and_repairs_are_interrupted_and_leave_nothing() {
     let input = tempfile::tempdir().unwrap();
-    // (The faces of the first one take 1.7 times the words that a run holds before it goes to a temporary file.)
+    // The first torus's faces take 1.7 times the words that a sorted run holds in memory.
     let (one, both) = (tori(input.path(), 36, &[0]), tori(input.path(), 24, &[0, 1]));
     let plain = options(MEMORY / 4, |_| ());
     check("build", 10, &|folder, progress| build(&one, &plain, folder, progress));
@@ -193,7 +194,7 @@ fn searches_for_contacts_are_interrupted() {
     });
 }
 
-/// Work that is done comes to all that was told, one total from the beginning to the end, and well before that.
+/// Progress reaches the total, which is constant from the start and reported well before the end.
 #[test]
 fn progress_comes_to_its_end() {
     let input = tempfile::tempdir().unwrap();

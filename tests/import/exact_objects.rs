@@ -1,4 +1,4 @@
-//! Objects of models: chosen, looked at one by one, left out, and measured.
+//! Objects of models: selected, inspected singly, left out, and measured.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -17,7 +17,8 @@ use spinney::{Error, ExactModel, OpenOptions, Output};
 use crate::common::exact::{Ring, cuboid, turned};
 use crate::common::shared_data;
 
-/// A city of objects: name, type, attributes and faces without holes; with `parents` where it is part of another one.
+/// Writes a city of objects: name, type, attributes and faces without holes; with `parents` for
+/// parts of other objects.
 fn city(path: &Path, objects: &[(&str, Value, Vec<Vec<Ring>>)]) {
     let mut vertices: Vec<[i32; 3]> = Vec::new();
     let mut all = serde_json::Map::new();
@@ -50,7 +51,8 @@ fn import(path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactRepor
     Ok((model, report))
 }
 
-/// One that is right, one that is open, one that is inside out, one that passes through itself, and two that pass through each other.
+/// One valid object, one open, one inside out, one that intersects itself, and two that intersect
+/// each other.
 fn street(folder: &Path) -> PathBuf {
     let at = |x: i32, size: i32| cuboid([x, 0, 0], [x + size, 10, 10]);
     let building = |height: i32| json!({ "type": "Building", "attributes": { "height": height } });
@@ -105,7 +107,7 @@ fn objects_that_are_no_bodies_are_left_out() {
     assert!(told[0].starts_with("open: open: 4 edges have a face on one side only, at "), "{told:?}");
     assert!(told[1].starts_with("inside-out: a place that the surface goes around -1 times"), "{told:?}");
     assert!(told[2].starts_with("through: ") && told.len() == 3, "{told:?}");
-    // What can be repaired or closed is not bad; objects that pass through each other are one body then.
+    // Repairable or closable objects are not bad; intersecting objects become one solid.
     options.parts = None;
     options.repair = true;
     let (model, report) = import(&path, &options).unwrap();
@@ -119,7 +121,7 @@ fn objects_that_are_no_bodies_are_left_out() {
     options.close = true;
     let (model, report) = import(&path, &options).unwrap();
     assert_eq!((volume(&model), left_out(&report).len(), report.objects), (7000.0, 0, 7));
-    // None is left.
+    // None remains.
     options = ExactOptions::new();
     options.skip_bad = true;
     options.parts = Some(BTreeSet::from([1, 2]));
@@ -150,13 +152,13 @@ fn objects_are_chosen_with_their_parts() {
     }
 }
 
-/// Each has its own volume, area, box and closedness.
+/// Each object has its own volume, area, box and closedness.
 #[test]
 fn objects_are_measured_one_by_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.city.json");
     let hollow = [cuboid([0; 3], [10; 3]), turned(cuboid([2; 3], [5; 3]))].concat();
-    // Two halves of a box, neither of which is closed.
+    // Two halves of a box, both open.
     let mut front = cuboid([20, 0, 0], [30, 10, 10]);
     let back = front.split_off(3);
     let kind = json!({ "type": "Building", "attributes": { "storeys": 3, "name": "a, \"b\"" } });
@@ -188,7 +190,7 @@ fn objects_are_measured_one_by_one() {
     assert_eq!(export_objects(&view, Some(&some), output, VectorFormat::Csv, 1 << 20, &()).unwrap(), 1);
 }
 
-/// Some objects go out as they came in, with what is said of them.
+/// Selected objects are exported unchanged, with their attributes.
 #[test]
 fn some_objects_are_exported() {
     let folder = tempfile::tempdir().unwrap();
@@ -211,7 +213,7 @@ fn some_objects_are_exported() {
     assert!(ChosenParts::of(&model, &BTreeSet::from([99])).is_err());
 }
 
-/// All buildings of Delft become bodies for themselves, whose volumes add up to that of the model.
+/// All buildings of Delft become separate solids, whose volumes add up to that of the model.
 #[test]
 fn a_city_becomes_a_model() {
     let Some(folder) = shared_data() else { return };

@@ -1,4 +1,5 @@
-//! Questions to exact models of real meshes: measures against rational numbers, and answers against all faces.
+//! Queries of exact models of real meshes: measures against rational numbers, and results against
+//! all faces.
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use bnum::types::I512;
@@ -9,7 +10,7 @@ use spinney::raw::brep::query::{CoverageSums, Cube, Line, nearest_on_face};
 use crate::common::exact::snapped;
 use crate::common::{Random, shared_data};
 
-/// The meshes of `expected.tsv` that are closed: name, volume, area, and number of triangles.
+/// The closed meshes of `expected.tsv`: name, volume, area, and number of triangles.
 fn closed() -> Vec<(String, f64, f64, f64)> {
     let Some(data) = shared_data() else { return Vec::new() };
     let table = std::fs::read_to_string(data.join("mesh/expected.tsv")).unwrap();
@@ -22,14 +23,15 @@ fn closed() -> Vec<(String, f64, f64, f64)> {
         .collect()
 }
 
-/// Twice the vector of a triangle's area.
+/// Twice the area vector of a triangle.
 fn area_of(corners: &[[i32; 3]; 3]) -> [i64; 3] {
     let [a, b, c] = corners.map(|corner| corner.map(i64::from));
     let (u, v) = ([0, 1, 2].map(|i| b[i] - a[i]), [0, 1, 2].map(|i| c[i] - a[i]));
     [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
-/// Integrals over a body, each over a divisor, by Gauss' theorem along one axis: of a coordinate's powers over the faces.
+/// Integrals over a solid, each times a constant, by Gauss' theorem along one axis: integrals of
+/// coordinate powers over the faces.
 struct Rational {
     volume: I512,
     first: [I512; 3],
@@ -76,7 +78,8 @@ impl Rational {
             Ok(())
         })
         .unwrap();
-        // Integrated along the axis, xx is a third of the cube, and xy half of xxy; the area is half of the normal.
+        // Integrated along the axis, xx is a third of the cube, and xy half of xxy; the area is
+        // half of the normal.
         for (axis, row) in sums.second.iter_mut().enumerate() {
             for (other, sum) in row.iter_mut().enumerate() {
                 *sum /= if axis == other { wide(3) } else { wide(2) };
@@ -86,7 +89,7 @@ impl Rational {
     }
 }
 
-/// The double nearest to a quotient, by way of its decimals.
+/// Returns the double nearest to a quotient, computed via its decimals.
 fn quotient(number: I512, divisor: I512) -> f64 {
     let is_negative = (number < wide(0)) != (divisor < wide(0));
     let (number, divisor) = (number.unsigned_abs(), divisor.unsigned_abs());
@@ -108,7 +111,7 @@ fn measures_of_real_meshes_are_the_rational_numbers_rounded_once() {
         let list = snapped(path, &|_| true).unwrap();
         let found = MassProperties::of(&list, &()).unwrap();
         let grid = list.grid();
-        // The step is a power of two, so that nothing is rounded with it.
+        // The grid unit is a power of two, so scaling does not round.
         let (width, expected) = (grid.width(), Rational::of(&list));
         assert_eq!(found.volume, quotient(expected.volume, wide(6)) * width.powi(3), "{path:?}");
         let weight = expected.volume * wide(4);
@@ -126,7 +129,8 @@ fn measures_of_real_meshes_are_the_rational_numbers_rounded_once() {
                 }
             }
         }
-        // Corners moved by half a step along each axis change the volume by no more than the area times that.
+        // Moving vertices by half a grid unit along each axis changes the volume by at most the
+        // area times that.
         let moved = 2.0 * area * width + volume.abs() * 1e-9;
         assert!((found.volume - volume).abs() < moved, "{path:?}: {} {volume}", found.volume);
         assert!(
@@ -139,7 +143,7 @@ fn measures_of_real_meshes_are_the_rational_numbers_rounded_once() {
     assert!(meshes.is_empty() || meshes.len() >= 8, "{}", meshes.len());
 }
 
-/// The coverage of all cells of a level adds up to the body, and lines and points agree with it.
+/// The coverage of a level's cells adds up to the solid, and lines and points agree with it.
 #[test]
 fn cells_of_a_real_mesh_add_up() {
     let Some(list) = snapped("spot.ply", &|_| true) else { return };
@@ -189,7 +193,7 @@ fn cells_of_a_real_mesh_add_up() {
     }
 }
 
-/// No line slips through between two faces, also where it passes exactly through edges and corners.
+/// No line passes between two faces, even exactly through edges and vertices.
 #[test]
 fn lines_through_a_real_mesh_enter_as_often_as_they_leave() {
     let Some(list) = snapped("spot.ply", &|_| true) else { return };
@@ -202,7 +206,7 @@ fn lines_through_a_real_mesh_enter_as_often_as_they_leave() {
         };
         let (a, b) = (corner(), corner());
         let mut direction = [0, 1, 2].map(|axis| b[axis] - a[axis]);
-        // Along an axis, or between two corners.
+        // Along an axis, or between two vertices.
         if round % 2 == 0 {
             direction = [0.0; 3];
             direction[round / 2 % 3] = 1e6;
@@ -222,7 +226,7 @@ fn lines_through_a_real_mesh_enter_as_often_as_they_leave() {
     assert!(met > 500, "{met}");
 }
 
-/// What a line meets first is no nearer than the nearest point.
+/// A line's first hit is no nearer than the nearest point.
 #[test]
 fn nearest_points_are_nearer_than_what_lines_meet() {
     let Some(list) = snapped("suzanne.ply", &|_| true) else { return };
@@ -235,7 +239,7 @@ fn nearest_points_are_nearer_than_what_lines_meet() {
             .min_by(|a, b| a.distance_squared.total_cmp(&b.distance_squared))
             .unwrap();
         let distance = nearest.distance_squared.sqrt();
-        // A little past the nearest point: the line meets a face there, and before it nothing.
+        // A little past the nearest point: the line meets a face there, and none before.
         let direction = [0, 1, 2].map(|axis| (nearest.point[axis] - from[axis]) / distance);
         let Some(line) = Line::ray(list.grid(), from, direction) else { continue };
         let first = (0..list.len() as usize)

@@ -1,4 +1,4 @@
-//! Surfaces that pass through themselves, resolved by winding numbers.
+//! Self-intersecting surfaces, resolved by winding numbers.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use crate::common::{Random, shared_data};
 
 type Solid = Vec<Vec<Ring>>;
 
-/// Faces without holes as a file.
+/// Writes faces without holes to a file.
 fn write(faces: &Solid, path: &Path) {
     let corners: Vec<[i32; 3]> = faces.iter().flat_map(|rings| rings[0].iter().copied()).collect();
     let mut text = format!("OFF\n{} {} 0\n", corners.len(), faces.len());
@@ -43,7 +43,7 @@ fn import(path: &Path, options: &ExactOptions) -> Result<(ExactModel, ExactRepor
     Ok((ExactModel::open(&target, &OpenOptions::new())?, report))
 }
 
-/// Repairs faces on a grid with steps of a width.
+/// Repairs faces on a grid with units of `width`.
 fn repaired(faces: &Solid, width: f64) -> Result<(ExactModel, ExactReport), Error> {
     repaired_by(faces, width, InsideRule::default())
 }
@@ -122,7 +122,7 @@ fn bodies_that_overlap_become_one() {
         ),
     ];
     for (name, faces, expected) in cases {
-        // Also in another order, and in triangles.
+        // Also in reverse order, and as triangles.
         let mut backwards = faces.clone();
         backwards.reverse();
         for faces in [faces.clone(), backwards, triangles(&faces)] {
@@ -146,7 +146,7 @@ fn what_is_in_order_stays_as_it_is() {
 
 #[test]
 fn nothing_inside_is_told() {
-    // A plate without thickness, and a cube twice where what is twice is outside.
+    // A plate without thickness, and a duplicated cube under the even-odd rule.
     let plate =
         vec![vec![vec![[0, 0, 0], [9, 0, 0], [0, 9, 0]]], vec![vec![[0, 0, 0], [0, 9, 0], [9, 0, 0]]]];
     let cube = cuboid([0; 3], [100; 3]);
@@ -160,7 +160,8 @@ fn nothing_inside_is_told() {
     }
 }
 
-/// A cube, one in its corner, a smaller one within it that is turned the same way, and one that is turned to the other: by all rules.
+/// A cube, one overlapping its corner, a smaller one inside with the same orientation, and one with
+/// the opposite orientation: by all rules.
 #[test]
 fn rules_take_other_places() {
     use InsideRule::{Nonzero, Odd, Positive};
@@ -168,16 +169,17 @@ fn rules_take_other_places() {
     let faces = [cube, cuboid([90; 3], [110; 3]), cuboid([10; 3], [30; 3]), turned(cuboid([50; 3], [60; 3]))]
         .concat();
     let all = 1e6 + 7000.0 - 1000.0;
-    // The cube within goes around its places once more; what is turned leaves a hole by all rules.
+    // The inner cube raises the winding number to 2; the reversed one leaves a hole by all rules.
     for (rule, expected) in [(Nonzero, all), (Positive, all), (Odd, all - 8000.0 - 1000.0)] {
         let (model, report) = repaired_by(&faces, 1.0, rule).unwrap();
         assert_eq!(volume(&model), expected, "{rule:?}");
         let done = report.repair.unwrap();
         assert_eq!((done.volume, done.cells_volume), (expected, all), "{rule:?}");
-        // (What it goes around twice counts twice.)
+        // Regions with winding number 2 count twice.
         assert_eq!(done.volume_before, 1e6 + 8000.0 + 8000.0 - 1000.0);
     }
-    // One that goes twice around a hole of its own: what is once taken away is not there, twice is less than nothing.
+    // A hole that is subtracted twice: the winding number is 0 if subtracted once, negative if
+    // twice.
     let hole = turned(cuboid([50; 3], [60; 3]));
     let faces = [cuboid([0; 3], [100; 3]), hole.clone(), hole].concat();
     for (rule, expected) in [(Nonzero, 1e6), (Positive, 1e6 - 1000.0), (Odd, 1e6)] {
@@ -185,7 +187,8 @@ fn rules_take_other_places() {
     }
 }
 
-/// Faces that bound nothing are counted, and a surface that is mostly such faces is no body.
+/// Faces that bound nothing are counted. A surface that consists mostly of such faces is not a
+/// solid.
 #[test]
 fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     let plate = |side: i32| -> Solid {
@@ -194,19 +197,19 @@ fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
         vec![vec![ring], vec![turned]]
     };
     let cube = cuboid([0; 3], [100; 3]);
-    // Beside 6 x 100²: 2 x 20² of that.
+    // In addition to 6 x 100²: 2 x 20² of that.
     let done = repaired(&[cube.clone(), plate(20)].concat(), 1.0).unwrap().1.repair.unwrap();
     assert_eq!((done.removed, done.outside, done.turned), (2, 2, (0, 0)));
     assert!((done.outside_share - 800.0 / 60_800.0).abs() < 1e-15, "{}", done.outside_share);
     let error = repaired(&[cube.clone(), plate(180)].concat(), 1.0).err().unwrap();
     assert!(matches!(&error, Error::NotASolid { what, .. } if what.contains("51 percent")), "{error}");
-    // A rule that takes most of what cells have away.
+    // A rule that removes most of the solid.
     let error = repaired_by(&[cube, cuboid([5; 3], [95; 3])].concat(), 1.0, InsideRule::Odd).err().unwrap();
     assert!(
         matches!(&error, Error::NotASolid { what, .. } if what.contains("72 percent") && what.contains("271000")),
         "{error}"
     );
-    // Walls between bodies are inside, and no loss.
+    // Walls between solids are interior, and not a loss.
     let mut stack = Solid::new();
     for cell in 0..27 {
         let low = [cell % 3, cell / 3 % 3, cell / 9].map(|at| at * 10);
@@ -216,15 +219,15 @@ fn what_is_lost_is_counted_and_most_of_a_surface_is_not_lost() {
     assert_eq!((volume(&model), report.repair.unwrap().outside), (27_000.0, 0));
 }
 
-/// A star whose outline crosses itself: its middle is gone around twice.
+/// A star whose outline intersects itself: its centre has winding number 2.
 #[test]
 fn a_pentagram_is_its_outline() {
     let star = vec![[0, 950], [588, -809], [-951, 309], [951, 309], [-588, -809]];
     let ring: Vec<[i32; 2]> = star.into_iter().rev().collect();
-    // Each face is a triangle: the caps as fans, which overlap.
+    // All faces are triangles: the caps are fans, which overlap.
     let faces = triangles(&prism(&[ring], -100, 100));
     let (model, _) = repaired(&faces, 1.0 / 64.0).unwrap();
-    // Even-odd leaves out the middle; by winding numbers, the whole star is inside.
+    // Even-odd excludes the centre; by winding numbers, the whole star is inside.
     let points =
         [[0.0, 0.0, 0.0], [0.0, 600.0, 0.0], [0.0, -500.0, 0.0], [400.0, 250.0, 50.0], [600.0, -100.0, 0.0]];
     let expected = [true, true, false, true, false];
@@ -236,7 +239,7 @@ fn a_pentagram_is_its_outline() {
     volume(&model);
 }
 
-/// Points against winding numbers of the surface as it was, of random bodies that pass through each other.
+/// Points against winding numbers of the input surface, for random solids that intersect.
 #[test]
 fn points_are_where_the_surface_goes_around_them() {
     let mut random = Random(5);
@@ -245,7 +248,7 @@ fn points_are_where_the_surface_goes_around_them() {
         let count = 2 + round % 4;
         let mut faces: Solid = Vec::new();
         for _ in 0..count {
-            // An octahedron with random corners: closed, and sometimes crossing itself.
+            // An octahedron with random vertices: closed, and sometimes self-intersecting.
             let mut number = |below: u64| random.below(below) as i32;
             let centre = [300 + number(300), 300 + number(300), 300 + number(300)];
             let corners: Vec<[i32; 3]> = (0..6)
@@ -262,7 +265,7 @@ fn points_are_where_the_surface_goes_around_them() {
             }
         }
         if round % 3 == 2 {
-            // Faces in common planes, too.
+            // Also with coplanar faces.
             faces.extend(cuboid([350; 3], [500; 3]));
             faces.extend(cuboid([400, 350, 300], [700, 500, 450]));
         }
@@ -296,7 +299,7 @@ fn points_are_where_the_surface_goes_around_them() {
 fn colours_and_parts_stay_with_their_faces() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.ply");
-    // Two tetrahedra, one red and one that is black to white along x.
+    // Two tetrahedra, one red and one black to white along x.
     let mut text =
         String::from("ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\n");
     text +=
@@ -369,8 +372,8 @@ fn too_little_memory_is_told() {
     assert!(!path.with_extension("goblin").exists());
 }
 
-/// Scans and constructions that pass through themselves, against the volumes that another program finds with exact
-/// arithmetic (libigl 2.6.3, its union of a mesh with nothing).
+/// Self-intersecting scans and constructions, against volumes that another program computes with
+/// exact arithmetic (libigl 2.6.3, the union of a mesh with an empty one).
 #[test]
 fn dirty_models_become_bodies() {
     let Some(folder) = shared_data() else { return };
@@ -382,7 +385,8 @@ fn dirty_models_become_bodies() {
         import_exact(models, &options(None), Output::create(&target).unwrap(), &())
             .unwrap_or_else(|error| panic!("{name}: {error}"));
         let found = volume(&ExactModel::open(&target, &OpenOptions::new()).unwrap());
-        // (Those of the thin shells Offset1 and Offset2 depend on the grid: 1.2e-5 and 7.4e-5 off with the default one of 2^24 units.)
+        // Those of the thin shells Offset1 and Offset2 depend on the grid: 1.2e-5 and 7.4e-5 off
+        // with the default one of 2^24 units.
         assert!((found - expected).abs() < 1e-4 * expected, "{name}: {found} {expected}");
     }
 }
@@ -403,7 +407,7 @@ const DIRTY: [(&str, f64); 17] = [
     ("nasty/self_intersectA.obj", 0.14266215546792002),
     ("nasty/self_intersectB.obj", 0.14266443142431864),
     ("bad_two_armadillos_overlap.ply", 0.11356412684155537),
-    // (Inside out: the sums of the volumes of their parts.)
+    // Inside out: the sums of their components' volumes.
     ("../hostile/bodies/horse.ply", 0.0002634182770055288),
     ("../hostile/bodies/68730.stl", 34102.55324),
 ];

@@ -1,4 +1,4 @@
-//! Meshes become exact models, these become meshes, and those the same models again.
+//! Round trips: meshes become exact models, then meshes, then the same models.
 
 use std::path::{Path, PathBuf};
 
@@ -17,7 +17,7 @@ fn import(mesh: &Path, path: &Path, options: &ExactOptions) -> Result<(ExactMode
     Ok((ExactModel::open(path, &OpenOptions::new())?, report))
 }
 
-/// All that is to be the same: corners, rings and parts of the faces, by their numbers.
+/// Returns what must be preserved: vertices, rings and parts of the faces, by face number.
 fn faces(model: &ExactModel) -> Vec<(Vec<[i32; 3]>, Vec<usize>)> {
     let mut all = Vec::new();
     let mut each = |face: &Face<'_>| {
@@ -28,7 +28,8 @@ fn faces(model: &ExactModel) -> Vec<(Vec<[i32; 3]>, Vec<usize>)> {
     all
 }
 
-/// Exports a model in a format and builds it again, on a grid if one is said; returns the second model.
+/// Exports a model in a format and imports it again, optionally with a given grid. Returns the
+/// second model.
 fn again(model: &ExactModel, folder: &Path, format: MeshFormat, name: &str, grid: Option<f64>) -> ExactModel {
     let mesh = folder.join(name);
     export_exact(model, format, Output::create(&mesh).unwrap(), &()).unwrap();
@@ -37,7 +38,7 @@ fn again(model: &ExactModel, folder: &Path, format: MeshFormat, name: &str, grid
     import(&mesh, &folder.join("again.goblin"), &options).unwrap().0
 }
 
-/// Checks that what comes back is what went in.
+/// Checks that a round trip preserves the model.
 fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
     let topology = Topology::of(model, &TopologyOptions::default(), &()).unwrap();
     let euler = topology.euler();
@@ -52,7 +53,7 @@ fn check(name: &str, model: &ExactModel, folder: &Path, grid: Option<f64>) {
         (MeshFormat::Off, "x.off"),
         (MeshFormat::CityJson, "x.city.json"),
     ];
-    // (Of models that take long every second format.)
+    // For large models, every second format.
     let step = if model.len() > 50_000 { 2 } else { 1 };
     for (format, file) in formats.into_iter().step_by(step) {
         let second = again(model, folder, format, file, grid);
@@ -98,7 +99,7 @@ impl Model for Part {
     }
 }
 
-/// Buildings as solids, each for itself: on the grid that the file has, no corner moves, and no face is bent.
+/// Buildings as separate solids: on the file's own grid no vertex moves, and all faces are planar.
 #[test]
 fn buildings_come_back() {
     let Some(data) = shared_data() else { return println!("skipped: no test data") };
@@ -112,7 +113,7 @@ fn buildings_come_back() {
         let goblin = folder.path().join("building.goblin");
         let only: Vec<Box<dyn Model>> = vec![Box::new(Part { model, info, part })];
         let report = match import_exact(only, &ExactOptions::new(), Output::create(&goblin).unwrap(), &()) {
-            // (Some objects are groups of others, and have no faces.)
+            // Some objects are groups of others, without faces.
             Err(Error::Corrupt { .. }) => continue,
             report => report.unwrap(),
         };
@@ -128,12 +129,12 @@ fn buildings_come_back() {
     assert_eq!(built, 9);
 }
 
-/// A face with holes stays one face with holes, in formats that can say so and in those that cannot.
+/// A face with holes remains one face with holes, whether or not the format supports holes.
 #[test]
 fn holes_come_back() {
     let square =
         |low: i32, high: i32| format!("[{low},{low},0],[{high},{low},0],[{high},{high},0],[{low},{high},0]");
-    // A plate of 9 x 9 with two square holes through it: corners of the bottom, then of the top.
+    // A plate of 9 x 9 with two square through holes: vertices of the bottom, then of the top.
     let corners =
         |z: i32| [square(0, 9), square(1, 3), square(5, 8)].join(",").replace(",0]", &format!(",{z}]"));
     let ring = |first: usize, turned: bool| {
@@ -181,14 +182,14 @@ fn holes_come_back() {
     for (format, name) in
         [(MeshFormat::CityJson, "p.city.json"), (MeshFormat::Ply, "p.ply"), (MeshFormat::Obj, "p.obj")]
     {
-        // (Formats that have no grid of their own get a finer one.)
+        // Formats without a grid of their own get a finer one.
         let second = again(&model, folder.path(), format, name, None);
         assert_eq!(holes(&second), expected, "{name}");
         assert_eq!(MassProperties::of(&second, &()).unwrap().volume, volume, "{name}");
     }
 }
 
-/// An open surface is refused with its boundaries, or closed.
+/// An open surface is rejected with its boundaries, or closed.
 #[test]
 fn open_surfaces_are_refused_or_closed() {
     let folder = tempfile::tempdir().unwrap();
@@ -212,7 +213,7 @@ fn open_surfaces_are_refused_or_closed() {
     assert_eq!(MassProperties::of(&model, &()).unwrap().volume, 24.0);
 }
 
-/// An exact model is a model to build others of: cells, and the same again.
+/// An exact model can be the input of other models: cells, and the same model again.
 #[test]
 fn models_are_built_of_models() {
     let folder = tempfile::tempdir().unwrap();

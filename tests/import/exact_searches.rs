@@ -1,4 +1,4 @@
-//! Questions to files of exact models, against all of their faces.
+//! Queries of exact model files, against all of their faces.
 #![allow(clippy::needless_range_loop)] // axes are indices of several arrays at once
 
 use spinney::ExactModel;
@@ -10,7 +10,7 @@ use spinney::raw::geometry::{Box3, GridPolygon, Triangulator};
 use crate::common::Random;
 use crate::common::exact::{cuboid, file_of, model_on, snapped, turned};
 
-/// Models with and without holes, small and large cells, and one of a real mesh.
+/// Models with and without holes, with small and large cells, and one of a real mesh.
 fn models() -> Vec<(&'static str, FaceList, ExactModel)> {
     let grid = |bits, step, origin| Grid { bits, origin, step, divisor: 1.0 };
     // A box with a tunnel along z, and a cavity.
@@ -20,12 +20,12 @@ fn models() -> Vec<(&'static str, FaceList, ExactModel)> {
     tunnel[1].extend(walls[1].iter().cloned());
     tunnel.extend(walls[2..].iter().cloned());
     tunnel.extend(turned(cuboid([10, 10, 20], [30, 30, 31])));
-    // Many small boxes on a large grid, in the world at eighths.
+    // Many small boxes on a large grid with units of one eighth.
     let mut random = Random(11);
     let mut boxes = Vec::new();
     for place in 0..125 {
         let min = [place % 5, place / 5 % 5, place / 25].map(|at| at * 13_000_000 + 17);
-        // Every other one fills its place.
+        // Every second one fills its grid position.
         let least = if place % 2 == 0 { 3_000_000 } else { 1 };
         let size = [0; 3].map(|_| least + random.below(1 << (10 + place % 14)) as i32);
         boxes.extend(cuboid(min, [0, 1, 2].map(|axis| min[axis] + size[axis])));
@@ -38,7 +38,7 @@ fn models() -> Vec<(&'static str, FaceList, ExactModel)> {
     lists.into_iter().map(|(name, list)| (name, list.clone(), file_of(&list))).collect()
 }
 
-/// A point of the world somewhere in the grid or a little outside.
+/// Returns a random point in the grid or slightly outside, in world coordinates.
 fn point(grid: &Grid, random: &mut Random) -> [f64; 3] {
     let side = (1u64 << grid.bits) as f64;
     [0, 1, 2].map(|axis| {
@@ -96,11 +96,11 @@ fn rays_meet_what_they_meet_of_all_faces() {
         let grid = list.grid();
         let mut random = Random(2);
         let (mut met, mut looked_at, rounds) = (0, 0, 400);
-        // (What one ray has read another one does not see otherwise.)
+        // Rays share cached reads, which must not change results.
         let (mut rays, mut asked, mut answers) = (model.rays(), Vec::new(), Vec::new());
         for round in 0..rounds {
             let (mut from, mut to) = (point(grid, &mut random), point(grid, &mut random));
-            // Also exactly along edges and through corners.
+            // Also exactly along edges and through vertices.
             if round % 2 == 0 {
                 let corners = faces(&list).nth(random.below(list.len()) as usize).unwrap().points;
                 let corner = |random: &mut Random| corners[random.below(corners.len() as u64) as usize];
@@ -157,7 +157,7 @@ fn rays_meet_what_they_meet_of_all_faces() {
     }
 }
 
-/// Whether a grid cell's least corner is inside, as seen from outside.
+/// Returns whether a grid cell's minimum corner is inside, by rays from outside.
 fn is_inside(list: &FaceList, min: [i32; 3]) -> bool {
     let Some(line) = Line::between_corners(list.grid(), [0; 3], min) else { return false };
     let crossings = faces(list).filter_map(|face| line.crossing(&face));
@@ -172,10 +172,10 @@ fn boxes_are_inside_or_outside_or_cut() {
         let mut counts = [0; 3];
         let mut triangulator = Triangulator::new();
         for round in 0..600 {
-            // Walls half way between grid points, so that all of it is exact.
+            // Walls half way between grid points keep the computation exact.
             let side = 1u64 << random.below(u64::from(grid.bits));
             let min = if round % 4 == 0 {
-                // Near a corner, where small boxes are cut.
+                // Near a vertex, where small boxes are cut.
                 let points = faces(&list).nth(random.below(list.len()) as usize).unwrap().points;
                 points[0].map(|at| at + random.below(side + 3) as i32 - side as i32 - 1)
             } else {
@@ -231,7 +231,7 @@ fn coverage_of_cells_is_that_of_all_faces() {
             let expected = sums.coverage(is_inside(&list, cube.min));
             let found = model.cell_coverage(level, position, &()).unwrap();
             let share = expected.volume / f64::from(side).powi(3);
-            // Large faces and small cells: see the bounds of the error.
+            // Large faces and small cells: see the error bounds.
             let tolerance = 1e-13 + f64::from(1 << grid.bits) / f64::from(side) * 1e-14;
             assert!((found.share - share).abs() < tolerance, "{name} {cube:?} {} {share}", found.share);
             assert!((found.volume / (f64::from(side) * grid.width()).powi(3) - found.share).abs() < 1e-12);

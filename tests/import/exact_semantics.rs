@@ -1,4 +1,4 @@
-//! Semantics of surfaces of city objects: values of faces, and back.
+//! Semantics of city object surfaces: to face values and back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -15,13 +15,13 @@ use spinney::{Codec, ExactModel, Metadata, OpenOptions, Output, SetOperation};
 use crate::common::exact::cuboid;
 use crate::common::{Random, shared_data};
 
-/// The sides of a cube, whose corners are the eight from a vertex on: the one below first, the one above second.
+/// Returns the sides of a cube over eight consecutive vertices: the bottom first, the top second.
 fn sides(first: usize) -> Value {
     let sides = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
     json!(sides.map(|side| [side.map(|corner: usize| first + corner)]))
 }
 
-/// Sides that look inwards.
+/// The sides, oriented inwards.
 fn turned(first: usize) -> Value {
     let mut sides: Vec<[Vec<u64>; 1]> = serde_json::from_value(sides(first)).unwrap();
     sides.iter_mut().for_each(|[ring]| ring.reverse());
@@ -34,7 +34,8 @@ fn corners(low: [i32; 3], size: i32) -> Vec<[i32; 3]> {
     [square(z), square(z + size)].concat()
 }
 
-/// A house with a cavity, a window in a wall, and two walls of one surface; one of two solids; one without semantics; and two of a template.
+/// A house with a cavity, a window in a wall, and two walls of one surface; an object of two
+/// solids; one without semantics; and two of a template.
 fn city() -> Value {
     let house = json!({"type": "Building", "geometry": [{"type": "Solid", "lod": "2",
     "boundaries": [sides(0), turned(8)],
@@ -80,7 +81,7 @@ fn export(faces: &dyn Faces, path: &Path) -> (Value, ExactSummary) {
     (serde_json::from_slice(&text).unwrap_or_default(), summary)
 }
 
-/// The type of each face's surface, by the order of faces, and of what it is a part of.
+/// Returns the type of each face's surface and of its parent surfaces, in face order.
 fn types(faces: &dyn Faces) -> Vec<String> {
     let mut all = Vec::new();
     faces
@@ -114,7 +115,7 @@ fn semantics_come_back() {
     let expected = [&house[..], &["-"; 6], &twins, &["-"; 6], &tree, &tree].concat();
     assert_eq!(types(&model), expected);
     assert_eq!(model.face_value(2, 1).unwrap().as_deref(), Some("{\"slope\":0.5,\"colour\":\"re\\\"d\"}"));
-    // (Surfaces of an object are told apart: the roofs of the twins are two.)
+    // Surfaces of an object are distinguished: the roofs of the twins are two.
     assert_eq!([13, 19].map(|face| model.face_value(0, face).unwrap().unwrap()), ["1", "3"]);
 
     let (file, summary) = export(&model, &at("b.city.json"));
@@ -131,30 +132,30 @@ fn semantics_come_back() {
         json!({"surfaces": [{"type": "+Bark"}, {"type": "+Crown"}], "values": [[0, 1, 0, 0, null, 0]]});
     assert_eq!([semantics(&file, "tree 1"), semantics(&file, "tree 2")], [tree.clone(), tree]);
 
-    // What is written is read as the same, and models of models keep it.
+    // The exported file is read as the same, and models of models keep it.
     let (again, report) = import(&at("b.city.json"), &at("b.goblin"), &ExactOptions::new());
     assert_eq!((types(&again), report.lost_values), (types(&model), 0));
     let (again, _) = import(&at("a.goblin"), &at("c.goblin"), &ExactOptions::new());
     assert_eq!(export(&again, &at("c.city.json")).0, file);
 
-    // Of some objects, and of triangles.
+    // Of selected objects, and of triangles.
     let some = ChosenParts::of(&model, &[1, 3].into()).unwrap();
     assert_eq!(semantics(&export(&some, &at("d.city.json")).0, "twins"), twins);
     let (cut, summary) = export(&Triangulated::of(&some).unwrap(), &at("e.city.json"));
     let values = semantics(&cut, "twins")["values"].clone();
     let counts = [0, 1].map(|solid| values[solid][0].as_array().unwrap().len());
     assert_eq!((summary.faces, counts), (36, [12; 2]));
-    // Formats without a place for them say so.
+    // Formats without semantics report the loss.
     assert!(export(&model, &at("a.ply")).1.lost_values);
 }
 
-/// Faces that a repair divides keep what is said of them.
+/// Faces that a repair splits keep their values.
 #[test]
 fn repairs_keep_semantics() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let mut city = city();
-    // (The second of the twins stands in the first one.)
+    // The second twin overlaps the first one.
     let vertices = city["vertices"].as_array_mut().unwrap();
     (24..32).for_each(|corner| vertices[corner][0] = json!(vertices[corner][0].as_i64().unwrap() - 7));
     std::fs::write(at("a.city.json"), city.to_string()).unwrap();
@@ -185,10 +186,10 @@ fn operation(operation: SetOperation, models: &[&ExactModel], path: &Path) -> (E
     (model, report)
 }
 
-/// All values of a face, by the names of their columns.
+/// All values of a face, by column name.
 type Values = BTreeMap<String, String>;
 
-/// Part, source and values of each face.
+/// Returns part, source and values of each face.
 fn values(model: &ExactModel) -> Vec<(u32, u64, Values)> {
     let names = model.value_columns().unwrap();
     let columns: Vec<&str> = names.iter().map(String::as_str).collect();
@@ -204,7 +205,8 @@ fn values(model: &ExactModel) -> Vec<(u32, u64, Values)> {
     all
 }
 
-/// Checks that faces of a result have the values of those faces of the operands that they come of; returns how many have some.
+/// Checks that a result's faces have the values of the operand faces they come from. Returns how
+/// many have any.
 fn check_values(result: &ExactModel, operands: &[&ExactModel]) -> usize {
     let mut expected: BTreeMap<(u32, u64), Values> = BTreeMap::new();
     let (mut first_part, mut first_source) = (0, 0);
@@ -225,8 +227,8 @@ fn check_values(result: &ExactModel, operands: &[&ExactModel]) -> usize {
     found.iter().filter(|(.., own)| !own.is_empty()).count()
 }
 
-/// A tetrahedron that goes through both twins of the city, with values in a column of the city's and in one of its own. All faces are of one source
-/// if `is_one`.
+/// A tetrahedron that passes through both twins of the city, with values in one of the city's
+/// columns and in one of its own. With `is_one`, all faces have one source.
 fn tool(path: &Path, is_one: bool) -> ExactModel {
     let grid = Grid { bits: 16, origin: [0, -8000, -8000], step: 1.0, divisor: 1000.0 };
     let mut builder = ModelBuilder::new(Output::create(path).unwrap(), grid, 1 << 20).unwrap();
@@ -248,7 +250,7 @@ fn tool(path: &Path, is_one: bool) -> ExactModel {
     ExactModel::open(path, &OpenOptions::new()).unwrap()
 }
 
-/// A city, a tool, whose faces are all of one source if `is_one`, and the city without the tool.
+/// Returns a city, a tool (with one source for all faces if `is_one`), and the city minus the tool.
 fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
     let at = |name: &str| folder.join(name);
     std::fs::write(at("a.city.json"), city().to_string()).unwrap();
@@ -260,7 +262,8 @@ fn cut_city(folder: &Path, is_one: bool) -> ([ExactModel; 3], CombineReport) {
     ([city, tool, cut], report)
 }
 
-/// Faces of operations have the values of those that they come of, also where these are divided, and of results of operations.
+/// Faces of results keep the values of the faces they come from, also if these are split, and in
+/// results of results.
 #[test]
 fn operations_keep_values_of_faces() {
     let folder = tempfile::tempdir().unwrap();
@@ -275,7 +278,7 @@ fn operations_keep_values_of_faces() {
     let of_tool = values(&cut).into_iter().filter(|(part, ..)| cut.parts()[*part as usize] == "tool");
     assert!(of_tool.count() > 2);
 
-    // Complements, and results of results, in which faces that stood in for others are made anew.
+    // Complements, and results of results, in which proxy faces are recomputed.
     let (not, _) = operation(SetOperation::Complement, &[&cut], &at("d.goblin"));
     check_values(&not, &[&cut]);
     let (both, _) = operation(SetOperation::Intersection, &[&tool, &city], &at("e.goblin"));
@@ -283,11 +286,11 @@ fn operations_keep_values_of_faces() {
     let (whole, report) = operation(SetOperation::Union, &[&cut, &both], &at("f.goblin"));
     check_values(&whole, &[&cut, &both]);
     assert_eq!(report.lost_values, 0);
-    // (What is apart from all others goes as it is.)
+    // Disjoint operands are copied unchanged.
     let (far, _) = operation(SetOperation::Union, &[&city, &cut, &both, &tool], &at("g.goblin"));
     check_values(&far, &[&city, &cut, &both, &tool]);
 
-    // Semantics are written again, but for columns that are none.
+    // Semantics are exported, without columns that are not semantics.
     let (file, _) = export(&cut, &at("c.city.json"));
     let kinds = |name: &str| -> BTreeSet<String> {
         let surfaces = semantics(&file, name)["surfaces"].clone();
@@ -300,7 +303,7 @@ fn operations_keep_values_of_faces() {
     assert_eq!(semantics(&file, "house")["surfaces"].as_array().unwrap().len(), 4);
 }
 
-/// Where faces of one source have different values, those that are divided have none, which is told.
+/// If faces of one source have different values, those that are split have none, which is reported.
 #[test]
 fn values_that_cannot_be_told_apart_are_not_kept() {
     let folder = tempfile::tempdir().unwrap();
@@ -312,12 +315,12 @@ fn values_that_cannot_be_told_apart_are_not_kept() {
         "{report:?}"
     );
     assert!(!of_tool.is_empty());
-    // What is not near the other keeps them.
+    // Faces that are not near the other operand keep theirs.
     let (apart, report) = operation(SetOperation::First, &[&tool], &folder.path().join("d.goblin"));
     assert_eq!((report.lost_values, values(&apart)), (0, values(&tool)));
 }
 
-/// Surfaces of real files come back, as many of each type in each object.
+/// Surfaces of real files are preserved: the same number of each type in each object.
 #[test]
 fn semantics_of_real_files_come_back() {
     let Some(path) = shared_data().map(|data| data.join("mesh/cityjson/DH_01_subs.city.json")) else {
@@ -351,7 +354,7 @@ fn semantics_of_real_files_come_back() {
     assert_eq!((found, written.lost_values()), (counts, 0));
 }
 
-/// Many surfaces of parts whose faces take turns come back, and what is no semantics is told.
+/// Many surfaces of interleaved parts are preserved, and non-semantic values are reported.
 #[test]
 fn many_semantics_come_back() {
     let folder = tempfile::tempdir().unwrap();
@@ -387,7 +390,7 @@ fn many_semantics_come_back() {
     for (name, firsts, count) in [("one", vec![0, 12_000], 12_000), ("other", vec![6000], 6000)] {
         let semantics = semantics(&file, name);
         let surfaces = semantics["surfaces"].as_array().unwrap();
-        // (Each box is a solid, of one shell.)
+        // Each box is a solid of one shell.
         let solids = semantics["values"].as_array().unwrap().iter();
         let shells = solids.flat_map(|solid| solid.as_array().unwrap());
         let values: Vec<&Value> = shells.flat_map(|shell| shell.as_array().unwrap()).collect();
@@ -405,9 +408,9 @@ fn many_semantics_come_back() {
             }
         }
     }
-    // (They are held some at a time, which may part a surface from that of which it is a part.)
+    // They are processed in groups, which may separate a surface from its parent.
     assert!(without_parents < 5 && summary.lost_values == (without_parents > 0), "{without_parents}");
-    // Types and attributes that are none, and surfaces without a type.
+    // Invalid types and attributes, and surfaces without a type.
     let values = [
         vec![("type", "7"), ("attributes", "{}")],
         vec![("surface", "3")],
@@ -430,7 +433,7 @@ fn many_semantics_come_back() {
     }
 }
 
-/// Faces are read whatever the semantics are, or an error says what is wrong.
+/// Faces are read whatever the semantics are, or an error explains what is invalid.
 #[test]
 fn odd_semantics_do_no_harm() {
     let folder = tempfile::tempdir().unwrap();

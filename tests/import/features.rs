@@ -1,4 +1,4 @@
-//! Features of files of other programs: what our own writers and GDAL's write is read as it was.
+//! Feature files: output of our own writers and GDAL's is read without changes.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -33,7 +33,7 @@ fn written(folder: &TempDir, name: &str, text: &str) -> PathBuf {
     path
 }
 
-/// A ring from its least corner on, against the clock, without its end.
+/// Returns a ring counterclockwise from its minimum vertex on, without the closing vertex.
 fn plain_ring(ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut ring = ring.to_vec();
     if ring.first() == ring.last() {
@@ -51,7 +51,7 @@ fn plain_ring(ring: &[[f64; 2]]) -> Vec<[f64; 2]> {
     ring
 }
 
-/// A geometry as it is whatever the order of its rings' corners.
+/// Returns a geometry independent of its rings' vertex order.
 fn plain(geometry: &Option<FeatureGeometry>) -> Option<FeatureGeometry> {
     geometry.clone().map(|geometry| match geometry {
         FeatureGeometry::Polygons(parts) => FeatureGeometry::Polygons(
@@ -127,13 +127,13 @@ fn what_our_writers_write_is_read_again() {
                 }
                 writer.finish(&()).unwrap();
                 let (schema, mut features) = read(&path);
-                // (An index puts features into another order.)
+                // A spatial index reorders features.
                 features.sort_by_key(|feature| feature.attributes[0] == FeatureAttribute::None);
                 let told = format!("{ending} {kind:?} {has_z}");
                 let kinds = [("size".into(), AttributeType::Number), ("name".into(), AttributeType::Text)];
                 assert_eq!(schema.attributes, kinds, "{told}");
                 match ending {
-                    // (No place for one.)
+                    // CSV stores none.
                     "csv" => assert_eq!(schema.crs, None),
                     "shp" => assert!(schema.crs.unwrap().to_wkt2().unwrap().contains("UTM"), "{told}"),
                     _ => assert_eq!(schema.crs, Some(Crs::epsg(25832)), "{told}"),
@@ -163,7 +163,7 @@ fn what_our_writers_write_is_read_again() {
     }
 }
 
-/// A run of GDAL's converter; nothing if it is not there.
+/// Runs GDAL's converter; `None` if it is not installed.
 fn ogr2ogr(arguments: &[&str]) -> Option<()> {
     let run = Command::new("ogr2ogr").args(arguments).output();
     let Ok(run) = run else {
@@ -174,7 +174,7 @@ fn ogr2ogr(arguments: &[&str]) -> Option<()> {
     Some(())
 }
 
-/// Features of one kind with attributes of all types, nothing of any, and no geometry.
+/// Features of one kind with attributes of all types, null values, and no geometry.
 fn source(kind: GeometryKind, crs: &str) -> String {
     let rings = "[[[9,47],[10,47],[10,48],[9,48],[9,47]],[[9.25,47.25],[9.25,47.5],[9.5,47.5],[9.25,47.25]]]";
     let other = "[[[11,47],[12,47],[11.5,48.125],[11,47]]]";
@@ -205,7 +205,7 @@ fn source(kind: GeometryKind, crs: &str) -> String {
     format!(r#"{{"type":"FeatureCollection","name":"things",{crs}"features":[{features}]}}"#)
 }
 
-/// A value as all formats can have it.
+/// Returns a value as all formats can represent it.
 fn common(value: &FeatureAttribute) -> FeatureAttribute {
     match value {
         FeatureAttribute::Boolean(is) => FeatureAttribute::Integer((*is).into()),
@@ -267,7 +267,7 @@ fn what_gdal_writes_is_read_alike() {
             let (schema, mut features) = read(&path);
             let place = |name: &str| schema.position(name).unwrap_or_else(|| panic!("{told}: no {name}"));
             features.sort_by_key(|feature| format!("{:?}", feature.attributes[place("n")]));
-            // (GDAL leaves features without a geometry out of FlatGeobuf.)
+            // GDAL omits features without a geometry from FlatGeobuf.
             let count = if driver == "FlatGeobuf" { 2 } else { 3 };
             assert_eq!(features.len(), count, "{told}");
             match (driver, &schema.crs) {
@@ -288,7 +288,7 @@ fn what_gdal_writes_is_read_alike() {
                     assert_eq!(common(found), common(wanted), "{told}: {name}");
                 }
             }
-            // Zones are the same whatever they come from.
+            // Zones do not depend on the format.
             if kind == GeometryKind::Polygon && count == 3 {
                 let layer = read_polygons(&path, &FeatureOptions::default()).unwrap();
                 let parts = |feature: &Feature| match &feature.geometry {
@@ -365,7 +365,7 @@ fn documents_of_all_kinds_are_features() {
     assert_eq!(features.len(), 2);
     let lines = FeatureGeometry::Lines(vec![vec![[1.0, 2.0], [3.0, 4.0]]]);
     assert_eq!(features[1].geometry, Some(FeatureGeometry::Collection(vec![lines])));
-    // Attributes that not all have, and their kinds.
+    // Attributes that some features lack, and their types.
     let with =
         |properties: &str| format!(r#"{{"type":"Feature","properties":{properties},"geometry":null}}"#);
     let text = [r#"{"a":1,"b":"x"}"#, "null", r#"{"b":2,"c":[1, {"d":2}],"e":18446744073709551615}"#]
@@ -400,7 +400,7 @@ fn tables_have_geometries_in_many_ways() {
     );
     assert_eq!((&features[0].geometry, &features[1].geometry), (&point(1.0, 2.0), &None));
     assert_eq!(features[1].attributes[1], FeatureAttribute::None);
-    // Points, of which two columns tell where they are; degrees by their names.
+    // Points whose coordinates are in two columns, recognized as degrees by their names.
     let (schema, features) = read(&written(&folder, "b.csv", "id,Lon,Lat\n1,9.5,47\n2,,\n3,-1e1,0"));
     assert_eq!(
         (schema.crs, schema.kind, schema.count),
@@ -414,7 +414,7 @@ fn tables_have_geometries_in_many_ways() {
     );
     let (schema, features) = read(&written(&folder, "c.tsv", "x\ty\tv\n1\t2\t0.5\n"));
     assert_eq!((schema.crs, &features[0].geometry), (None, &point(1.0, 2.0)));
-    // Binary in digits, with a coordinate system; and a file with one beside the table.
+    // Hexadecimal WKB with a coordinate system; and a sidecar file with one.
     let (schema, features) =
         read(&written(&folder, "d.csv", "wkb\n0101000020E8640000000000000000F03F0000000000000040\n"));
     assert_eq!((schema.crs, &features[0].geometry), (Some(Crs::epsg(25832)), &point(1.0, 2.0)));
@@ -472,14 +472,14 @@ fn what_cannot_be_used_is_told_with_its_number() {
     let rows = "wkt\nPOINT (1 2)\n\"POLYGON ((0 0,1 1))\"\n";
     let error = read_with(&written(&folder, "a.csv", rows), &FeatureOptions::default()).unwrap_err();
     assert!(error.to_string().contains("feature 2: found a ring of 2 corners"), "{error}");
-    // Points and lines are no zones.
+    // Points and lines are not zones.
     let path = written(&folder, "a.geojson", &good);
     let told = read_polygons(&path, &FeatureOptions::default()).unwrap_err().to_string();
     assert!(
         told.contains("feature 1, a geometry of type `Point`") && told.contains("zones are polygons"),
         "{told}"
     );
-    // What no feature reader reads.
+    // Formats that no feature reader supports.
     let told =
         read_with(&written(&folder, "a.kml", "<kml>"), &FeatureOptions::default()).unwrap_err().to_string();
     assert!(told.contains("a.kml"), "{told}");

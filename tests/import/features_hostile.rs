@@ -1,4 +1,4 @@
-//! Files of features in which something was changed: an end soon, little memory, no panic.
+//! Corrupt feature files: they end soon, use little memory, and do not panic.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -19,7 +19,7 @@ fn count(path: &Path) -> Result<usize> {
     Ok(count)
 }
 
-/// A small file of polygons, by our own writer, and all that is beside it.
+/// Returns a small polygon file of our own writer, with its sidecars.
 fn fixture(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let path = folder.join(format!("a.{ending}"));
     let layer = VectorLayer {
@@ -60,7 +60,7 @@ impl Random {
     }
 }
 
-/// Changes some bytes, or cuts or doubles a part.
+/// Changes some bytes, or removes or duplicates a range.
 fn mutate(bytes: &[u8], random: &mut Random) -> Vec<u8> {
     let mut bytes = bytes.to_vec();
     for _ in 0..1 + random.below(3) {
@@ -139,16 +139,16 @@ fn what_grows_out_of_little_is_refused() {
         assert!(said.contains(told), "{said}");
         assert!(start.elapsed() < Duration::from_secs(20), "{name}: {:?}", start.elapsed());
     };
-    // Depth without end.
+    // Unbounded nesting.
     refused("a.geojson", &"{\"a\":".repeat(100_000), "deep");
     let deep = "{\"type\":\"GeometryCollection\",\"geometries\":[".repeat(30);
     refused("a.geojson", &format!("{{\"type\":\"Feature\",\"geometry\":{deep}{}}}", "]}".repeat(30)), "deep");
-    // A name of its own in each feature: as many values as names squared.
+    // A distinct attribute name in each feature gives quadratically many values.
     let feature = |index: usize| {
         format!("{{\"type\":\"Feature\",\"geometry\":null,\"properties\":{{\"n{index}\":1}}}}\n")
     };
     refused("a.geojson", &(0..10_000).map(feature).collect::<String>(), "4096 names");
-    // A quote that nothing ends.
+    // A quote without an end.
     refused("a.csv", &format!("x,y,t\n1,2,\"{}", "a,\n".repeat(1_000_000)), "memory");
     refused("a.csv", "x,y,t\n1,2,\"a", "quote");
     refused("a.csv", &format!("x,y{}\n", ",c".repeat(5000)), "5002 columns");
@@ -163,13 +163,13 @@ fn counts_of_shapefiles_are_held_to_their_files() {
     let folder = tempfile::tempdir().unwrap();
     let files = fixture(folder.path(), "shp");
     let [shapes, places, table] = [0, 1, 2].map(|index| std::fs::read(&files[index]).unwrap());
-    // A table of more rows than shapes.
+    // A table with more rows than shapes.
     let mut longer = table.clone();
     longer[4] = 9;
     std::fs::write(&files[2], &longer).unwrap();
     let said = count(&files[0]).unwrap_err().to_string();
     assert!(said.contains("4 shapes, and 9 rows"), "{said}");
-    // Without a list of places shapes follow each other; without a table they have no attributes.
+    // Without an index file shapes are read consecutively; without a table they have no attributes.
     std::fs::write(&files[2], &table).unwrap();
     std::fs::remove_file(&files[1]).unwrap();
     assert_eq!(count(&files[0]).unwrap(), 4);
@@ -178,7 +178,7 @@ fn counts_of_shapefiles_are_held_to_their_files() {
     assert!(said.contains("feature 5") && said.contains("end of the file"), "{said}");
     std::fs::remove_file(&files[2]).unwrap();
     assert_eq!(count(&files[0]).unwrap(), 4);
-    // A place outside of the file.
+    // An offset outside of the file.
     let mut outside = places;
     outside[100..104].copy_from_slice(&u32::MAX.to_be_bytes());
     std::fs::write(&files[1], outside).unwrap();

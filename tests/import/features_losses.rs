@@ -1,4 +1,4 @@
-//! What a file of features cannot tell of what is written to it is told, and nothing else is lost.
+//! Losses of feature formats are reported, and nothing else is lost.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -11,7 +11,7 @@ use spinney::raw::export::vector::{
 use spinney::raw::import::feature::{FeatureAttribute, open_features};
 use spinney::{Output, Progress};
 
-/// Progress that notes warnings.
+/// Progress that collects warnings.
 #[derive(Default)]
 struct Told(Mutex<Vec<String>>);
 
@@ -22,7 +22,7 @@ impl Progress for Told {
     }
 }
 
-/// Writes features of squares (or none) with attributes; returns what was told.
+/// Writes features of squares (or none) with attributes. Returns the warnings.
 fn written(
     path: &Path,
     attributes: &[(&str, AttributeType)],
@@ -51,7 +51,7 @@ fn written(
     told.0.into_inner().unwrap()
 }
 
-/// Names of attributes, and those of all features.
+/// Returns the attribute names, and all features' attributes.
 fn read(path: &Path) -> (Vec<String>, Vec<Vec<FeatureAttribute>>) {
     let mut reader = open_features(path, &FeatureOptions::default()).unwrap();
     let mut features = Vec::new();
@@ -96,7 +96,7 @@ fn what_shapefiles_cut_is_told() {
     assert_eq!(features[0][0], FeatureAttribute::Text("é".repeat(127)));
 }
 
-/// Numbers, truths and dates come back from every format as they were, and nothing is told of these.
+/// Numbers, booleans and dates are preserved in all formats, without warnings.
 #[test]
 fn numbers_are_not_lost() {
     let folder = tempfile::tempdir().unwrap();
@@ -150,7 +150,7 @@ fn numbers_are_not_lost() {
                     .map(|value| match value {
                         AttributeValue::Integer(number) => FeatureAttribute::Integer(*number),
                         AttributeValue::Number(number) => FeatureAttribute::Number(*number),
-                        // (Tables have texts for these.)
+                        // CSV stores these as strings.
                         AttributeValue::Boolean(is) if ending == "csv" => {
                             FeatureAttribute::Text(is.to_string())
                         }
@@ -195,7 +195,7 @@ fn what_other_formats_cannot_tell_is_told() {
     assert_eq!(told("obj"), format!("{infinite}; {control}"));
     let texts = "attributes that are not numbers are left out: `a b`";
     assert_eq!(told("ply"), format!("{names}; {texts}; {infinite}; {}", rounded(2)));
-    // Of a point or nothing, there are no edges that could tell attributes.
+    // A point or an empty geometry has no edges to carry attributes.
     let path = folder.path().join("b.ply");
     let told = written(&path, &attributes[2..], &[(None, false, &row[2..])]);
     assert!(told.iter().any(|text| text.contains("since they have no edges: 1")), "{told:?}");

@@ -1,5 +1,5 @@
-//! Features over the cells of trees: filled, combined, searched; against each cell by itself, and against trees that were made of the features
-//! before.
+//! Features over the cells of trees: fill, combine, search; compared with brute force per cell, and
+//! with trees rasterized from the features.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,24 +18,24 @@ use spinney::{
 
 use crate::common::{Cells, Random, cells_of, options, write_cells};
 
-/// Cells of a metre with north up, so that features' y is `EXTENT[1]` minus the row.
+/// Extent in cells of one metre with north up; a feature's y is `EXTENT[1]` minus the row.
 const EXTENT: [u64; 3] = [600, 420, 1];
 
 fn frame() -> Frame {
     Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, EXTENT[1] as f64]) }
 }
 
-/// The value of a feature, and its rings.
+/// A feature's value and its rings.
 type Star = (u64, Vec<Vec<[f64; 2]>>);
 
-/// Stars, some with a hole, which lie on each other and stick out of the tree: values and rings in metres.
+/// Overlapping stars, some with a hole, that extend beyond the tree: values and rings in metres.
 fn stars(random: &mut Random, count: usize) -> Vec<Star> {
     let star = |random: &mut Random, middle: [f64; 2], radius: f64| -> Vec<[f64; 2]> {
         let corners = 3 + random.below(40);
         let corner = |number: u64| {
             let angle = number as f64 / corners as f64 * std::f64::consts::TAU;
             let away = radius * (0.4 + random.below(600) as f64 / 1000.0);
-            // (On a grid that cells' parts have, too, and never on a centre.)
+            // On a grid of cell fractions, and never on a cell centre.
             [middle[0] + away * angle.cos(), middle[1] + away * angle.sin()]
                 .map(|at| (at * 1024.0).round() / 1024.0)
         };
@@ -75,7 +75,7 @@ fn form() -> TreeType {
     TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1))
 }
 
-/// A tree of classes, in the format that its name asks for.
+/// Writes a tree of classes in the format of its file name.
 fn ground(path: &Path, seed: u64) -> Cells {
     let cells = Cells::random(form(), seed, EXTENT, 9, true);
     let mut metadata = Metadata { frame: frame(), ..Metadata::default() };
@@ -103,7 +103,7 @@ fn overlay(file: &Path, options: &RasterizeOptions) -> Arc<ViewSource> {
     Arc::new(plan_features(&[file.into()], options, &()).unwrap().tree(&()).unwrap().tree)
 }
 
-/// The values of stars whose inside has the centre of each cell, in the stars' order.
+/// Returns, for each cell, the values of the stars that contain its centre, in the stars' order.
 fn at_centres(stars: &[Star]) -> Vec<Vec<u64>> {
     let mut found = vec![Vec::new(); (EXTENT[0] * EXTENT[1]) as usize];
     for (value, rings) in stars {
@@ -159,7 +159,7 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
         }
         crate::common::assert_same(&cells_in(&path), &cells, &format!("{overlaps}"));
     }
-    // Again: nothing changes, so that there is no commit.
+    // Again: nothing changes, so there is no commit.
     let zones = || {
         overlay(
             &file,
@@ -170,7 +170,7 @@ fn features_fill_the_cells_that_they_have_in_one_commit() {
         )
     };
     assert!(edit(&path, [Ok(Edit::Cover(zones()))], Note::default(), 16 << 20, &()).unwrap().is_none());
-    // VOID where every other star is.
+    // VOID inside every second star.
     let odd: Vec<_> = stars.iter().skip(1).step_by(2).cloned().collect();
     let zones =
         overlay(&file, &over(&opened(&path), |options| options.features.filter = "odd=1".parse().unwrap()));
@@ -191,7 +191,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
         ["map.goblin", "coarse.goblin", "built.goblin", "expected.goblin", "found.goblin"]
             .map(|name| folder.path().join(name));
     ground(&map, 2);
-    // A tree of cells four times as large, over more of the world.
+    // A tree of cells four times as large, over a larger area.
     let wide = Cells::random(form(), 7, [200, 150, 1], 5, true);
     let metadata = Metadata {
         frame: Frame { crs: frame().crs, ..Frame::planar([4.0, 0.0, -80.0, 0.0, -4.0, 500.0]) },
@@ -224,7 +224,7 @@ fn features_among_operands_are_what_trees_of_them_would_be() {
     for (number, (trees, place, operation)) in operations.into_iter().enumerate() {
         let edge = edges[number % 3];
         let operation = CombineOperation::named(operation, Prefer::First).unwrap();
-        // On the grid of what is combined, which a union of the trees tells.
+        // On the grid of the combined trees, as the union of the trees has it.
         let union = folder.path().join("union.goblin");
         let create = |path: &Path| Output::create(path).unwrap();
         combine(
@@ -349,13 +349,13 @@ fn texts_are_the_classes_of_the_tree_and_what_does_not_fit_is_refused() {
     edit(&path, [Ok(Edit::Cover(Arc::new(zones.tree)))], Note::default(), 16 << 20, &()).unwrap();
     let cells = cells_in(&path);
     assert!((400..410).all(|row| (10..20).all(|x| cells.get([x, row, 0]) == byte(4))));
-    // Numbers, too: one or as many as channels, of those that there are.
+    // Numbers, too: one or one per channel, within the value range.
     for value in [FeatureValue::Number(300u64.into()), FeatureValue::Samples(vec![1u64.into(), 2u64.into()])]
     {
         let options = over(&tree, |options| options.value = value.clone());
         assert!(plan_features(std::slice::from_ref(&file), &options, &()).is_err(), "{value:?}");
     }
-    // Octrees have no features over them.
+    // Features do not apply to octrees.
     let mut header = tree.header().clone();
     header.form.dimension = Dimension::Oct;
     assert!(RasterizeOptions::over(&header, tree.metadata(), None).is_err());

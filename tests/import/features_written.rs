@@ -1,4 +1,5 @@
-//! Features as they are written, read back: null and multi-geometries, collections, ids and all types of attributes.
+//! Written features, read back: null and multi-geometries, collections, ids and all attribute
+//! types.
 
 use std::path::Path;
 
@@ -20,7 +21,7 @@ const ATTRIBUTES: [(&str, AttributeType); 6] = [
     ("any", AttributeType::Mixed),
 ];
 
-/// A ring around a square, as counterclockwise as `turn` says.
+/// Returns a square ring, counterclockwise or, for a hole, clockwise.
 fn square(west: f64, south: f64, side: f64, is_hole: bool) -> Vec<[f64; 2]> {
     let (east, north) = (west + side, south + side);
     let mut ring = vec![[west, south], [east, south], [east, north], [west, north], [west, south]];
@@ -43,7 +44,7 @@ fn feature(id: i64, geometry: Option<FeatureGeometry>) -> Feature {
     Feature { id: Some(id.into()), attributes, geometry, heights: Heights::default() }
 }
 
-/// Features of polygons: one, one with a hole, several of which one has a hole, none, and nothing at all.
+/// Polygon features: one, one with a hole, several of which one has a hole, an empty one, and none.
 fn polygons() -> Vec<Feature> {
     let outer = square(0.0, 0.0, 4.0, false);
     let hole = square(1.0, 1.0, 2.0, true);
@@ -95,7 +96,7 @@ fn read(path: &Path) -> Vec<Feature> {
     features
 }
 
-/// What a format can tell of a feature.
+/// Returns a feature as a format can store it.
 fn told(path: &Path, feature: &Feature) -> Feature {
     let mut told = feature.clone();
     let ending = path.extension().unwrap().to_str().unwrap();
@@ -105,7 +106,7 @@ fn told(path: &Path, feature: &Feature) -> Feature {
     };
     match ending {
         "gpkg" => {
-            // (JSON is a text there.)
+            // JSON is a string there.
             told.attributes[4] = as_text(&feature.attributes[4]);
         }
         "fgb" => told.id = None,
@@ -161,7 +162,7 @@ fn features_of_several_kinds_come_back_too() {
         let path = folder.path().join(format!("things.{ending}"));
         written(&path, None, &features).unwrap();
         let mut found = read(&path);
-        // (Formats with an index have an order of their own.)
+        // Formats with an index have their own order.
         found.sort_by_key(|feature| match feature.attributes[0] {
             FeatureAttribute::Integer(number) => number,
             _ => 0,
@@ -173,7 +174,8 @@ fn features_of_several_kinds_come_back_too() {
     assert!(written(&path, None, &features).unwrap_err().to_string().contains("several kinds"));
 }
 
-/// An index of FlatGeobuf over many features: nodes are around their children, and leaves tell where the features stand.
+/// A FlatGeobuf index over many features: nodes contain their children, and leaves store the
+/// features' offsets.
 #[test]
 fn an_index_of_flatgeobuf_is_around_its_features() {
     let folder = tempfile::tempdir().unwrap();
@@ -224,7 +226,7 @@ fn check_index(bytes: &[u8], count: usize) {
         let number = |at: usize| f64::from_le_bytes(bytes[8 * at..][..8].try_into().unwrap());
         ([0, 1, 2, 3].map(number), u64::from_le_bytes(bytes[32..].try_into().unwrap()) as usize)
     };
-    // From the root on: the children of all nodes are all nodes below, in order.
+    // From the root on: the children of all nodes are all lower nodes, in order.
     let mut next = 1;
     for parent in 0..nodes - count {
         let (around, first) = node(parent);
@@ -248,7 +250,7 @@ fn check_index(bytes: &[u8], count: usize) {
         next = children.end;
     }
     assert_eq!(next, nodes);
-    // Leaves: features one behind the other.
+    // Leaves: features are contiguous.
     let features = &index[40 * nodes..];
     let mut at = 0;
     for leaf in nodes - count..nodes {
@@ -258,7 +260,7 @@ fn check_index(bytes: &[u8], count: usize) {
     assert_eq!(at, features.len());
 }
 
-/// Heights are read over, which is told of each feature.
+/// Heights are ignored, which is reported for each feature.
 #[test]
 fn heights_are_told_of() {
     let folder = tempfile::tempdir().unwrap();

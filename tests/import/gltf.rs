@@ -1,4 +1,4 @@
-//! Octrees as 3D Tiles and binary glTF, against the meshes that are written of the same trees.
+//! Octrees as 3D Tiles and binary glTF, against meshes exported from the same trees.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
@@ -15,7 +15,7 @@ use crate::common::gltf_file::{Glb, Mesh, Place, Tiles};
 use crate::common::mesh_file::{cross, dot};
 use crate::common::{Cells, OCT, QUAD, byte, dataset, made, oct, opened, options, value, with};
 
-/// The smooth surface, or the cells' faces.
+/// Requests the smooth surface, or the cells' faces.
 fn request(smooth: bool) -> MeshRequest {
     with(MeshRequest::new(), |it| it.smooth = smooth)
 }
@@ -35,7 +35,7 @@ fn tree_with(cells: &Cells, rule: Rule, kind: DataKind, metadata: Metadata) -> D
     })
 }
 
-/// A ball, and some cells by themselves, in a space of several levels of tiles.
+/// A ball and some isolated cells, in a space of several tile levels.
 fn balls(side: u64) -> Cells {
     let centre = side as f64 / 2.0 + 0.3;
     made(OCT, [side; 3], |cell| {
@@ -55,7 +55,7 @@ fn read_json(path: &Path) -> Json {
     serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
 }
 
-/// All files below a folder, with their bytes.
+/// Returns all files below a directory with their bytes.
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut pending = vec![folder.to_path_buf()];
@@ -70,7 +70,8 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     files
 }
 
-/// Corners of triangles on the lattice of a level, whose cells have the given side: 512 steps to a cell.
+/// Returns triangle vertices on the lattice of a level whose cells have the given side: 512 lattice
+/// units per cell.
 fn on_lattice<'a>(
     meshes: impl IntoIterator<Item = &'a Mesh>,
     cell: f64,
@@ -85,7 +86,8 @@ fn on_lattice<'a>(
     })
 }
 
-/// Makes sure that triangles close, and that edges of smooth surfaces have two of them; returns six times their volume, in cubes of the lattice.
+/// Checks that triangles form a closed surface, and that edges of smooth surfaces have two of them.
+/// Returns six times their volume in cubic lattice units.
 fn check_closed(triangles: impl Iterator<Item = [[i64; 3]; 3]>, smooth: bool, what: &str) -> i128 {
     let mut edges: HashMap<_, (i32, usize)> = HashMap::new();
     let mut volume = 0i128;
@@ -107,14 +109,14 @@ fn check_closed(triangles: impl Iterator<Item = [[i64; 3]; 3]>, smooth: bool, wh
     volume
 }
 
-/// Checks a tileset of one unit per cell against the tree; returns its tiles.
+/// Checks a tileset of one unit per cell against the tree. Returns its tiles.
 fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path().join("tiles");
     let summary = write_tileset(tree, &request(smooth), &folder);
     let tileset = read_json(&folder.join("tileset.json"));
     let tiles = Tiles::read(&folder, &tileset);
-    // Every file is known, and everything known is there.
+    // Files and listed contents are the same sets.
     let name = |[level, x, y, z]: Place| format!("content/{level}/{x}/{y}/{z}.glb");
     let contents: BTreeSet<Place> =
         tiles.tiles.iter().filter(|(_, has)| **has).map(|(place, _)| *place).collect();
@@ -125,7 +127,7 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
     assert_eq!(summary.tiles, contents.len() as u64, "{what}");
     let levels = tileset["root"]["children"][0]["implicitTiling"]["availableLevels"].as_u64().unwrap() as u32;
     assert_eq!(u32::from(summary.levels), levels);
-    // No tile is there for nothing.
+    // Every tile has content or descendants with content.
     for (place, has_content) in &tiles.tiles {
         let [level, x, y, z] = *place;
         let is_parent = (0..8).any(|step: u32| {
@@ -171,7 +173,7 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
             meshes.extend(glb.meshes);
         }
         let volume = check_closed(on_lattice(&meshes, cell), smooth, &format!("{what}, level {level}"));
-        // The mesh that is written at once, of the same level.
+        // The whole mesh exported at the same level.
         let cells = tree.depth() - (levels - 1 - level) as u8;
         let whole = surface_mesh(tree, &with(request(smooth), |it| it.level = Some(cells)), &()).unwrap();
         let corners = whole.triangles.iter().map(|it| it.map(|corner| whole.vertices[corner as usize]));
@@ -182,14 +184,14 @@ fn check_tileset(tree: &Dataset, smooth: bool, what: &str) -> Tiles {
         let tolerance = if smooth { rounding } else { 1e-9 * expected.abs() };
         assert!((found - expected).abs() <= tolerance, "{what}, level {level}: {found}, not {expected}");
         if smooth {
-            // Slivers may be gone.
+            // Slivers may be omitted.
             let (found, all) =
                 (meshes.iter().map(|mesh| mesh.triangles.len()).sum::<usize>(), whole.triangles.len());
             assert!(found <= all && found * 100 >= all * 95, "{what}, level {level}: {found} of {all}");
         }
     }
     assert_eq!(triangles, summary.triangles);
-    // A box holds those of all below.
+    // A bounding box contains those of all descendants.
     for (place, [centre, half]) in tiles.boxes.iter().filter(|(place, _)| place[0] > 0) {
         let [level, x, y, z] = *place;
         let [above, outer] = tiles.boxes[&[level - 1, x / 2, y / 2, z / 2]];
@@ -208,7 +210,7 @@ fn tiles_of_each_level_meet_and_enclose_the_solid() {
         assert_eq!(tiles.boxes.is_empty(), !smooth);
         assert_eq!(tiles.files.len(), 1);
     }
-    // A full space, whose surface lies at its ends.
+    // A full space, whose surface is the border of the space.
     let full = dataset(&made(OCT, [96; 3], |_| Some(byte(255))), Rule::Occupancy, DataKind::Continuous);
     for smooth in [false, true] {
         check_tileset(&full, smooth, &format!("full, smooth {smooth}"));
@@ -233,7 +235,7 @@ fn random_solids_are_closed_at_every_level() {
 
 #[test]
 fn subtrees_below_subtrees() {
-    // Five levels of tiles: those of the last are roots of subtrees of their own.
+    // Five levels of tiles: those of the last are roots of their own subtrees.
     let cells = made(OCT, [1024, 8, 4], |[x, y, z]| (x % 100 < 3 && y < 6 && z < 3).then(|| byte(255)));
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let tiles = check_tileset(&tree, false, "long");
@@ -259,7 +261,8 @@ fn an_empty_tree_has_a_root() {
 
 #[test]
 fn models_have_no_parts_without_triangles() {
-    // A full tile, whose surface in the first of its cells belongs to it, and those behind it, of which most have none.
+    // A full tile, whose surface in the first of its cells belongs to it, and the tiles after it,
+    // most of which have no surface.
     let cells = made(OCT, [192; 3], |cell| cell.iter().all(|at| *at < 128).then(|| byte(255)));
     let tree = dataset(&cells, Rule::Occupancy, DataKind::Continuous);
     let folder = tempfile::tempdir().unwrap();
@@ -270,7 +273,7 @@ fn models_have_no_parts_without_triangles() {
         let meshes = Glb::read(&path).meshes;
         assert!(meshes.iter().all(|mesh| !mesh.triangles.is_empty()));
         assert_eq!(meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum::<u64>(), count);
-        // Corners are there for triangles alone.
+        // All vertices are used by triangles.
         for mesh in meshes {
             let used: BTreeSet<usize> = mesh.triangles.iter().flatten().copied().collect();
             assert_eq!(used.len(), mesh.corners.len());
@@ -301,12 +304,12 @@ fn normals_look_out_of_the_solid() {
                 if (distance - 45.0).abs() < 3.0 {
                     seen += 1;
                     let cosine = dot(out, corner.normal) / distance;
-                    // The cells' faces look along an axis each.
+                    // Normals of cell faces are parallel to an axis.
                     let least = if smooth { 0.8 } else { -0.05 };
                     assert!(cosine > least, "{:?}: {:?}", corner.at, corner.normal);
                 }
             }
-            // (Triangles turn as their normals do.)
+            // Triangles are oriented like their normals.
             for triangle in &mesh.triangles {
                 let [a, b, c] = triangle.map(|corner| mesh.corners[corner]);
                 let minus = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|axis| a[axis] - b[axis]);
@@ -350,7 +353,7 @@ fn classes_are_features_and_colours_stand_at_corners() {
         for corner in corners {
             let class = usize::from(corner.class.unwrap());
             seen[class] += 1;
-            // 188 is half as bright as 255.
+            // 188 in sRGB is half as bright as 255.
             let colour = [[1.0, 0.0, 0.0], [0.0, 0.5, 1.0]][class];
             let found = corner.colour.unwrap();
             assert!((0..3).all(|axis| (found[axis] - colour[axis]).abs() < 0.01), "{found:?}");
@@ -400,7 +403,8 @@ fn known_systems_are_put_onto_the_globe() {
     let tileset = read_json(&folder.join("tileset.json"));
     let m: [f64; 16] = std::array::from_fn(|at| tileset["root"]["transform"][at].as_f64().unwrap());
     let glb = Glb::read(&folder.join("content/0/0/0/0.glb"));
-    // Cell (100, 0, 0) of the finest level, by way of glTF's matrix and y upwards: 500 200, 5 150 000, 1000; by PROJ.
+    // Cell (100, 0, 0) of the finest level, through glTF's matrix with y upwards: 500 200, 5 150
+    // 000, 1000; by PROJ.
     let turned = [100.0 * glb.matrix[0], 100.0 * glb.matrix[1], 100.0 * glb.matrix[2]];
     let [x, y, z] = [turned[0], -turned[2], turned[1]];
     let found = [0, 1, 2].map(|row| m[row] * x + m[4 + row] * y + m[8 + row] * z + m[12 + row]);
@@ -410,7 +414,7 @@ fn known_systems_are_put_onto_the_globe() {
     }
 }
 
-/// Somebody who has had enough after some questions.
+/// Cancels after a number of checks.
 struct Impatient(std::sync::atomic::AtomicU64);
 
 impl Progress for Impatient {

@@ -1,4 +1,4 @@
-//! Raster files become trees that have every pixel.
+//! Raster files become trees with every pixel.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spinney::{
 
 use crate::common::{children, quad, shared_data, with};
 
-/// All pixels of a raster, and which are not VOID.
+/// Returns all pixels of a raster, and which are not VOID.
 fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
     let info = raster.info().clone();
     let mut pixels = Pixels::default();
@@ -20,7 +20,7 @@ fn pixels_of(raster: &mut dyn Raster) -> Result<(Vec<u8>, Vec<bool>)> {
     let size = info.sample.size();
     let valid = pixels.bytes.chunks_exact(size * info.channels).map(|pixel| {
         let numbers: Vec<Number> = pixel.chunks_exact(size).map(|sample| number(sample, &info)).collect();
-        // (Where the last of several channels is opacity, transparent cells keep their colours.)
+        // If the last of several channels is opacity, transparent cells keep their colours.
         let alpha = info.alpha.filter(|alpha| info.channels == 1 || alpha + 1 < info.channels);
         let transparent = alpha.is_some_and(|alpha| numbers[alpha].with_plain_zero() == 0.0);
         let nodata = info.nodata.is_some_and(|nodata| numbers.iter().all(|number| *number == nodata));
@@ -38,7 +38,7 @@ fn number(sample: &[u8], info: &RasterInfo) -> Number {
     ValueType::new(info.sample, 1).first_number(Value::from_bytes(sample))
 }
 
-/// Those of a tree, painted leaf by leaf; VOID pixels are zeros.
+/// Returns the pixels of a tree, painted leaf by leaf; VOID pixels are zeros.
 fn cells_of(file: &Goblin) -> (Vec<u8>, Vec<bool>) {
     let form = file.header().form;
     let [width, height, _] = file.header().extent.map(|cells| cells as usize);
@@ -73,11 +73,11 @@ fn open(path: &Path) -> Goblin {
     Goblin::open(path, &spinney::OpenOptions::new()).unwrap()
 }
 
-/// Pixels of the largest pictures that are tried: larger ones take long and show nothing new.
+/// Maximum pixel count of tested images: larger ones take long and show nothing new.
 const LARGEST: u64 = 10_000_000;
 
-/// Builds a tree of a file and compares all pixels; `false` if the file cannot be read in the first place, or is
-/// too large.
+/// Builds a tree from a file and compares all pixels. Returns `false` if the file cannot be read at
+/// all, or is too large.
 fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let opened = |bands: &Option<Vec<Band>>| {
         let raster = raster::open(path, &RasterOptions::default())?;
@@ -117,7 +117,7 @@ fn comes_back(path: &Path, folder: &Path, memory: Option<u64>) -> bool {
     let file = open(&target);
     assert_eq!(file.header().form, TreeType::new(Dimension::Quad, value));
     let expected = spinney::Metadata { counts: file.metadata().counts.clone(), ..metadata };
-    // As text, in which NaN is equal to itself.
+    // As text, in which NaN equals itself.
     assert_eq!(format!("{:?}", file.metadata()), format!("{expected:?}"));
     let (found, found_valid) = cells_of(&file);
     assert!(found_valid == valid, "{}: VOID differs", path.display());
@@ -143,12 +143,12 @@ fn every_pixel_of_every_file_comes_back() {
 fn little_memory_does_for_wide_pictures() {
     let Some(folder) = shared_data() else { return };
     let temp = tempfile::tempdir().unwrap();
-    // In strips, 4320 pixels wide: too much for bands within 8 MiB.
+    // In strips 4320 pixels wide: bands exceed 8 MiB.
     let path = folder.join("raster/large/relief_4320x2160_i16.tif");
     assert!(comes_back(&path, temp.path(), Some(8 << 20)));
 }
 
-/// A grey 16-bit picture on disk.
+/// Writes a grey 16-bit image.
 fn picture(folder: &Path, name: &str, [width, height]: [u32; 2]) -> PathBuf {
     let path = folder.join(name);
     let file = std::fs::File::create(&path).unwrap();
@@ -195,7 +195,7 @@ fn options_overrule_the_file() {
     assert!(is_invalid(refused(with(options.clone(), |it| it.transform = Some([0.0; 6])))));
     assert!(is_invalid(refused(with(options.clone(), |it| it.bands = Some(vec![2.into()])))));
     assert!(is_invalid(plan(&[], &options).err()));
-    // A number that the samples cannot be is no nodata number at all.
+    // A value that the samples cannot have is ignored as nodata.
     let import =
         plan(std::slice::from_ref(&path), &with(options.clone(), |it| it.nodata = Some((-1.0).into())))
             .unwrap();

@@ -1,4 +1,4 @@
-//! Lines that have a width: the cells whose centres are near enough, against the distance of each.
+//! Lines with a width: cells whose centres are near enough, against the distance of each.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use crate::common::Random;
 
 const ROWS: u64 = 300;
 const COLUMNS: u64 = 330;
-/// Metres of a cell.
+/// Metres per cell.
 const CELL: f64 = 2.0;
 
 type Line = Vec<[f64; 2]>;
@@ -38,7 +38,7 @@ fn options(width: LineWidth) -> RasterizeOptions {
     options
 }
 
-/// Whether each cell, row by row, is one of the lines'.
+/// Returns whether each cell, row by row, is covered by the lines.
 fn cells(lines: &[(Line, &str)], width: LineWidth) -> Vec<bool> {
     let folder = tempfile::tempdir().unwrap();
     let (path, output) = (folder.path().join("lines.geojson"), folder.path().join("lines.goblin"));
@@ -53,7 +53,7 @@ fn cells(lines: &[(Line, &str)], width: LineWidth) -> Vec<bool> {
     (0..ROWS * COLUMNS).map(cell).collect()
 }
 
-/// The distance of a place from a line.
+/// Returns the distance of a point from a line.
 fn distance(line: &Line, [x, y]: [f64; 2]) -> f64 {
     let of_edge = |ends: &[[f64; 2]]| {
         let ([ax, ay], [bx, by]) = (ends[0], ends[1]);
@@ -77,7 +77,7 @@ fn lines_have_the_cells_whose_centres_are_within_half_of_their_width() {
     for width in [0.5, 3.0, 20.0, 90.0] {
         let lines: Vec<(Line, &str)> = (0..6)
             .map(|_| {
-                // (Some reach far beyond the tree, some stand still, some go along an axis.)
+                // Some extend far beyond the tree, some have no length, some follow an axis.
                 let mut at = [random.below(800) as f64 - 70.0, random.below(700) as f64 - 50.0];
                 let mut line = vec![at];
                 for _ in 0..1 + random.below(5) {
@@ -92,7 +92,7 @@ fn lines_have_the_cells_whose_centres_are_within_half_of_their_width() {
         let mut count = 0;
         for (at, found) in cells(&lines, LineWidth::Number(width)).into_iter().enumerate() {
             let away = lines.iter().map(|(line, _)| distance(line, centre(at))).fold(f64::INFINITY, f64::min);
-            // (Corners are moved to parts of cells.)
+            // Vertices are snapped to cell fractions.
             if (away - width / 2.0).abs() > CELL / 32768.0 {
                 assert_eq!(found, away < width / 2.0, "{width}: {away} at {:?}", centre(at));
                 count += u64::from(found);
@@ -104,14 +104,14 @@ fn lines_have_the_cells_whose_centres_are_within_half_of_their_width() {
 
 #[test]
 fn a_centre_that_is_exactly_so_far_is_one_of_them() {
-    // Along a side of cells: centres are 1, 3, 5 ... metres from it, and at its ends, too.
+    // Along a cell side: centres are 1, 3, 5 ... metres from it, and also from its ends.
     let line = vec![[100.0, 100.0], [200.0, 100.0]];
     for (width, rows) in [(2.0, 2), (5.999, 2), (6.0, 4), (6.001, 4)] {
         let found = cells(&[(line.clone(), "null")], LineWidth::Number(width));
         let middle = (0..ROWS).filter(|row| found[(row * COLUMNS + 75) as usize]).count();
         assert_eq!(middle, rows, "{width}");
     }
-    // A slope of 3 : 4, of which centres lie at exactly 5 metres: decided in whole numbers.
+    // A slope of 3 : 4 with centres at exactly 5 metres: decided in integers.
     let mut exact = 0;
     let line = vec![[0.0, 1.0], [4.0 * 140.0, 1.0 + 3.0 * 140.0]];
     for (at, found) in cells(&[(line, "null")], LineWidth::Number(10.0)).into_iter().enumerate() {

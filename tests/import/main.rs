@@ -1,4 +1,4 @@
-//! Pictures, meshes and features: what is read from files of other programs, what becomes of it, and what is written.
+//! Rasters, meshes and features: import from and export to files of other programs.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -15,10 +15,10 @@ use spinney::{Error, Output, Progress, Result};
 use crate::common::Random;
 use crate::common::exact::{Ring, cuboid, prism, push, snapped, whole_grid};
 
-/// A corner with its colour.
+/// A vertex with its colour.
 type Corner = ([i32; 3], Option<[u8; 3]>);
 
-/// A face in a form that does not depend on where its rings begin, or in which order holes are.
+/// A face independent of where its rings begin and of the order of its holes.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 struct Canonical {
     rings: Vec<Vec<Corner>>,
@@ -51,7 +51,7 @@ fn all(faces: &dyn Faces, with_colours: bool, with_parts: bool) -> Vec<Canonical
     all
 }
 
-/// Reads a file onto a grid; rings with bridges become rings again.
+/// Reads a file onto a grid; rings joined by bridges become separate rings.
 fn read(path: &Path, grid: &Grid) -> FaceList {
     let mut model = open(path, 64 << 20).unwrap();
     let mut list = FaceList::new(grid.clone(), model.info().parts.clone());
@@ -96,7 +96,7 @@ fn write(faces: &dyn Faces, path: &Path) -> ExactSummary {
     export_exact(faces, format, Output::create(path).unwrap(), &()).unwrap()
 }
 
-/// Writes to every format and reads again.
+/// Writes all formats and reads them again.
 fn round_trip(faces: &dyn Faces) {
     let folder = tempfile::tempdir().unwrap();
     let has_colours = all(faces, true, false).iter().any(|face| face.rings[0][0].1.is_some());
@@ -110,7 +110,7 @@ fn round_trip(faces: &dyn Faces) {
         let (mut got, mut expected) =
             (all(&found, with_colours, with_parts), all(faces, with_colours, with_parts));
         if is_json {
-            // Parts are together.
+            // Faces of a part are grouped.
             got.sort();
             expected.sort();
             assert_eq!(found.parts().len(), faces.parts().len());
@@ -120,7 +120,7 @@ fn round_trip(faces: &dyn Faces) {
         assert_eq!(summary.lost_colours, has_colours && is_json, "{name}");
         assert_eq!(summary.bridged_holes, if is_json { 0 } else { holes }, "{name}");
         assert_eq!(summary.lost_parts, faces.parts().len() > 1 && !with_parts, "{name}");
-        // Once more gives the same bytes.
+        // Writing again gives the same bytes.
         let again = folder.path().join(format!("again-{name}"));
         write(&found, &again);
         if !is_json || faces.parts().len() == 1 {
@@ -174,7 +174,7 @@ fn colours_and_parts_come_back() {
         push(&mut list, rings, part[i % 4], Some([i as u8, 255 - i as u8, 7]));
     }
     round_trip(&list);
-    // Corners of a face in different colours, of which bridges have those of their ends.
+    // Vertices of a face with different colours; bridges have those of their ends.
     let mut shaded = FaceList::new(whole_grid(), vec!["mesh".into()]);
     let mut random = Random(1);
     list.each(&mut |face| {
@@ -207,7 +207,7 @@ fn names_that_make_trouble() {
     assert_eq!(all(&found, false, false), all(&list, false, false));
 }
 
-/// Grids of decimals, of powers of two, and far away.
+/// Grids of decimals, of powers of two, and far from the origin.
 #[test]
 fn coordinates_come_back() {
     for (bounds, width) in [
@@ -235,7 +235,7 @@ fn coordinates_come_back() {
             let path = folder.path().join(name);
             write(&list, &path);
             assert_eq!(all(&read(&path, &grid), false, false), all(&list, false, false), "{name}");
-            // To the last bit, but for CityJSON.
+            // Bit-exact, except for CityJSON.
             if !name.ends_with("json") {
                 let mut model = open(&path, 1 << 20).unwrap();
                 model
@@ -265,7 +265,7 @@ fn faces_with_very_many_corners() {
     round_trip(&list);
 }
 
-/// Vertices of a file are those of the model, each once.
+/// A file has each vertex of the model once.
 #[test]
 fn vertices_are_shared() {
     let mut list = FaceList::new(whole_grid(), vec!["mesh".into()]);
@@ -275,7 +275,7 @@ fn vertices_are_shared() {
     let folder = tempfile::tempdir().unwrap();
     let vertices: BTreeMap<&str, u64> =
         NAMES.iter().map(|name| (*name, write(&list, &folder.path().join(name)).vertices)).collect();
-    // Faces have colours in PLY and OFF, vertices in OBJ.
+    // PLY and OFF store colours per face, OBJ per vertex.
     assert_eq!(vertices, BTreeMap::from([("a.ply", 8), ("a.obj", 24), ("a.off", 8), ("a.city.json", 8)]));
     let text = std::fs::read_to_string(folder.path().join("a.city.json")).unwrap();
     let json: serde_json::Value = serde_json::from_str(&text).unwrap();
@@ -288,11 +288,11 @@ fn vertices_are_shared() {
     assert_eq!(json["CityObjects"]["mesh"]["geometry"][0]["type"], "MultiSurface");
 }
 
-/// Triangles of an STL file close as the faces do, where single precision holds all coordinates.
+/// An STL file is closed like the faces if single precision is exact for all coordinates.
 #[test]
 fn stl_is_closed() {
     let mut faces = prism(&[square(0, 0, 90), hole(10, 10, 9), hole(50, 5, 30)], 0, 33);
-    // A sliver of five corners that fills a gap.
+    // A sliver of five vertices that fills a gap.
     let side = faces[2][0].clone();
     let [a, b] = [side[0], side[1]];
     let middle = [1, 2, 3].map(|i| [0, 1, 2].map(|axis| a[axis] + (b[axis] - a[axis]) / 90 * 10 * i));
@@ -319,7 +319,7 @@ fn stl_is_closed() {
 fn stl_tells_what_it_moves() {
     let grid = Grid::over([[1e6, 0.0, 0.0], [1e6 + 1.0, 1.0, 1.0]], Some(0.001)).unwrap();
     let mut list = FaceList::new(grid, vec!["a".into(), "b".into()]);
-    // In single precision, coordinates there are sixteenths.
+    // Single precision has a resolution of one sixteenth there.
     push(&mut list, &[vec![[0, 0, 0], [501, 0, 0], [0, 1000, 0]]], 0, Some([1; 3]));
     push(&mut list, &[vec![[0, 0, 0], [1, 0, 0], [0, 1000, 0]]], 1, Some([1; 3]));
     let folder = tempfile::tempdir().unwrap();
@@ -352,7 +352,7 @@ fn real_models_come_back() {
     }
 }
 
-/// Interrupted after some questions.
+/// Cancels after a number of checks.
 struct Stop(std::sync::atomic::AtomicI64);
 
 impl Progress for Stop {

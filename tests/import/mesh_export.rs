@@ -12,7 +12,7 @@ use crate::common::{
     Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin_bytes, made, oct, opened, options, with,
 };
 
-/// Every format's file of a tree.
+/// The files of a tree in all formats.
 struct Job {
     level: u8,
     frame: Frame,
@@ -70,7 +70,7 @@ impl Job {
     }
 }
 
-/// An octree of some depth.
+/// Returns an octree of a depth.
 fn tree_of(depth: u8, cells: &Cells, rule: Rule) -> Dataset {
     opened(|path| {
         let output = Output::create(path).unwrap();
@@ -79,7 +79,7 @@ fn tree_of(depth: u8, cells: &Cells, rule: Rule) -> Dataset {
     })
 }
 
-/// Cells, and cell faces that look along each axis, there and back.
+/// Returns the number of cells, and of cell faces per axis and direction.
 fn expected(size: [u64; 3], solid: impl Fn([u64; 3]) -> bool) -> (f64, [f64; 6]) {
     let (mut volume, mut areas) = (0.0, [0.0; 6]);
     for z in 0..size[2] {
@@ -103,7 +103,7 @@ fn expected(size: [u64; 3], solid: impl Fn([u64; 3]) -> bool) -> (f64, [f64; 6])
 
 const FORMATS: [MeshFormat; 4] = [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl, MeshFormat::Off];
 
-/// Checks all formats of the faces of full cells.
+/// Checks the faces of full cells in all formats.
 fn check_faces(depth: u8, size: [u64; 3], solid: impl Fn([u64; 3]) -> bool, what: &str) -> Read {
     let cells = made(OCT, size, |cell| solid(cell).then(|| byte(255)));
     let tree = tree_of(depth, &cells, Rule::Occupancy);
@@ -128,7 +128,7 @@ fn check_ball(read: &Read, radius: f64, cell: f64, what: &str) {
         read.points.len(),
         read.faces.len()
     );
-    // What is cut off by flat faces goes with the square of their size.
+    // The loss by flat faces is quadratic in their size.
     assert!((ratio - 1.0).abs() < 0.01 + 1.5 * (cell / radius).powi(2), "{what}: {ratio}");
 }
 
@@ -242,7 +242,7 @@ fn frames_turn_nothing_inside_out() {
             let job = Job { frame: frame.clone(), smooth, ..Job::new(6) };
             let mut volumes = Vec::new();
             for format in [MeshFormat::Ply, MeshFormat::Obj, MeshFormat::Stl] {
-                // The last has coordinates too large for f32.
+                // The last one has coordinates too large for f32.
                 if i < 4 || format != MeshFormat::Stl {
                     let mut read = job.run(&tree, format);
                     read.check_closed("frame");
@@ -276,7 +276,7 @@ fn frames_turn_nothing_inside_out() {
 
 #[test]
 fn smooth_balls() {
-    // Over the borders of blocks, and at the end of the space.
+    // Across block borders, and at the border of the space.
     for (size, centre, radius) in [(64, 32.0, 20.3), (64, 31.5, 31.5), (32, 16.0, 16.0), (100, 47.0, 40.0)] {
         let cells = made(OCT, [size; 3], |cell| in_ball(cell, centre, radius).then(|| byte(255)));
         let tree = tree_of(depth_for([size; 3]), &cells, Rule::Occupancy);
@@ -285,7 +285,7 @@ fn smooth_balls() {
             check_ball(&job.run(&tree, format), radius, 1.0, &format!("ball of {radius}, {format:?}"));
         }
     }
-    // Coverage places vertices between cells, at coarser levels too.
+    // Coverage interpolates vertices between cells, also at coarser levels.
     let radius = 50.0;
     let cells = made(OCT, [128; 3], |cell| in_ball(cell, 64.0, radius).then(|| byte(255)));
     let tree = tree_of(7, &cells, Rule::Occupancy);
@@ -320,7 +320,8 @@ fn smooth_random_solids_are_closed() {
 
 #[test]
 fn smooth_surfaces_are_manifolds_in_every_format() {
-    // Every cell for itself: all the ways in which cells touch, and coverages next to one half, where vertices are next to each other.
+    // Uncorrelated cells: all ways in which cells touch, and coverages close to one half, where
+    // vertices almost coincide.
     let size = [35, 9, 7];
     for coverages in [&[255][..], &[1, 100, 127, 128, 129, 200, 255]] {
         let cells = made(OCT, size, |[x, y, z]| {
@@ -328,7 +329,7 @@ fn smooth_surfaces_are_manifolds_in_every_format() {
             (number >> 60 & 1 == 0).then(|| byte(coverages[(number >> 8) as usize % coverages.len()]))
         });
         let tree = tree_of(6, &cells, Rule::Occupancy);
-        // Cells of one unit; as far away as single precision allows, and turned.
+        // Cells of one unit, at the limit of single precision, and rotated.
         let mut far = Frame::identity();
         (far.matrix[0][3], far.matrix[1][3]) = (130_000.3, -70_000.9);
         let mut turned = far.clone();
@@ -358,12 +359,12 @@ fn smooth_surfaces_that_single_precision_cannot_hold_are_refused() {
         let request = with(MeshRequest::new(), |it| it.smooth = smooth);
         export_blocks(&mut *blocks, FaceAttribute::None, &frame, &request, output, format, &())
     };
-    // Whole cells have room, and parts of them do not.
+    // Single precision can represent whole cells, but not fractions of cells.
     write(false, MeshFormat::Stl).unwrap();
     let error = write(true, MeshFormat::Stl).unwrap_err().to_string();
     assert!(error.contains("single precision"), "{error}");
     write(true, MeshFormat::Ply).unwrap();
-    // Numbers beyond single precision, and below it.
+    // Coordinates above and below the range of single precision.
     for size in [1e38, 1e-45] {
         let mut frame = Frame::identity();
         (0..3).for_each(|axis| frame.matrix[axis][axis] = size);
@@ -407,7 +408,7 @@ fn colours_and_values_stand_at_faces() {
     let (volume, areas) = expected(cells.size, |cell| cells.get(cell).is_some());
     assert_eq!((read.volume(), read.areas()), (volume, areas));
     for (face, told) in read.faces.iter().zip(&read.told) {
-        // Just behind the face, near its first corner.
+        // Just inside the face, near its first vertex.
         let [a, b, c] = [0, 1, face.len() - 1].map(|i| read.points[face[i]]);
         let (u, v) = (minus(b, a), minus(c, a));
         let normal = cross(u, v);
@@ -434,7 +435,7 @@ fn files_and_views_on_the_command_line() {
     read.check_closed("file");
     assert_eq!((read.volume(), read.areas()), (volume, areas));
     assert!(said.contains(&format!("{} faces, {} vertices", read.faces.len(), read.points.len())), "{said}");
-    // Mirrored and moved, it stays where it is in the world.
+    // Mirroring and moving does not change world coordinates.
     for steps in [["mirror=x", "window=3,0,0,87,70,50"], ["translate=5,6,7", "axes=+y,-x,+z"]] {
         let mut arguments = vec!["-q", "export", &file, &out];
         arguments.extend(steps.iter().flat_map(|step| ["--view", step]));
@@ -454,7 +455,7 @@ fn files_and_views_on_the_command_line() {
     check_ball(&read_obj(&std::fs::read(&name).unwrap()), 22.0, 1.0, "turned");
     let stl = spinney(&["export", &file, "-", "--format", "stl"]).success();
     assert_eq!(read_stl(&stl.get_output().stdout).volume(), volume);
-    // Refusals leave nothing behind.
+    // Rejected exports leave no file.
     let quad = path("quad.goblin");
     let flat = Cells::random(QUAD, 1, [20, 20, 1], 3, true);
     std::fs::write(&quad, goblin_bytes(&flat, Rule::Mean, DataKind::Continuous)).unwrap();

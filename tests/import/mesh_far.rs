@@ -1,4 +1,5 @@
-//! Solids far from the origin, and in millimetres: cells and exact models are those of the same solid at the origin.
+//! Solids far from the origin, and in millimetres: cells and exact models equal those of the same
+//! solid at the origin.
 
 use spinney::brep::MassProperties;
 use spinney::import::mesh::{ExactOptions, Resolution, SolidOptions, import_exact};
@@ -16,7 +17,7 @@ fn moved(triangles: &[Triangle], factor: f64, offset: Point) -> Vec<Triangle> {
     triangles.iter().map(|triangle| triangle.map(point)).collect()
 }
 
-/// Solids whose coordinates are multiples of 1/64, so that they have all of their bits at any offset.
+/// Solids whose coordinates are multiples of 1/64 and therefore exact at any offset.
 fn solids() -> Vec<Vec<Triangle>> {
     let mut cavity = cuboid([4.5; 3], [11.25, 9.5, 20.0]);
     cavity.iter_mut().for_each(|triangle| triangle.swap(0, 1));
@@ -68,7 +69,7 @@ fn cells_far_from_the_origin_are_those_at_the_origin() {
 fn cells_of_decimal_widths_far_from_the_origin_fill_the_box() {
     for offset in [0.0, 1e6, 1e9] {
         for cell in [0.1, 0.3, 0.7, 1.1] {
-            // Walls of the box are at multiples of the cell, as exactly as doubles are.
+            // Walls of the box are at multiples of the cell, up to double precision.
             let wall = |cells: f64| (f64::round(offset / cell) + cells) * cell;
             let solid = cuboid([wall(0.0); 3], [wall(20.0), wall(30.0), wall(10.0)]);
             let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cell(cell));
@@ -119,7 +120,7 @@ fn a_house_in_millimetres_keeps_its_volume() {
         let share: f64 =
             cells(&tree).iter().flatten().map(|cell| f64::from(crate::common::as_byte(*cell)) / 255.0).sum();
         let volume = share * cell.powi(3);
-        // (Walls pass through cells whose centres decide.)
+        // Walls pass through cells whose centres decide.
         assert!((volume / 1e12 - 1.0).abs() < 0.01 + cell / 1e4, "{resolution:?}: {volume}");
     }
 }

@@ -1,4 +1,4 @@
-//! Interruption of long work on solids: what matters is how often it is asked for, not how long anything takes.
+//! Cancellation of long operations on solids. The tests count checks, not time.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -10,7 +10,7 @@ use spinney::{DataKind, Error, Output, Progress, Result, Rule};
 use crate::common::solid::{Triangle, plain, tetrahedra, unit_cells};
 use crate::common::{OCT, Random, byte, goblin_bytes, made, with};
 
-/// Somebody who wants to stop as soon as that has been asked so many times.
+/// Cancels after a number of checks.
 struct Impatient {
     patience: u64,
     asked: AtomicU64,
@@ -32,8 +32,8 @@ impl Progress for Impatient {
     }
 }
 
-/// Does work that asks at least so many times, and interrupts it at four of them: it then ends with the next
-/// question.
+/// Runs an operation with at least `least` checks and cancels it at four of them: it then ends at
+/// the next check.
 fn check(work: &dyn Fn(&dyn Progress) -> Result<()>, least: u64, what: &str) {
     let patient = Impatient::new(u64::MAX);
     work(&patient).unwrap();
@@ -79,15 +79,15 @@ fn division_of_space_is_interrupted_at_each_triangle() {
     let work = |progress: &dyn Progress| build(&triangles, &unit_cells(8), progress).map(|_| ());
     let patient = Impatient::new(u64::MAX);
     work(&patient).unwrap();
-    // The root's triangles are looked at twice, those of its children once more.
+    // The root's triangles are visited twice, those of its children once more.
     assert!(patient.asked() > 3 * triangles.len() as u64, "{}", patient.asked());
-    // Blocks that were begun at the same time end at their first question.
+    // Blocks that were begun at the same time end at their first check.
     let impatient = Impatient::new(patient.asked() / 2);
     assert!(matches!(work(&impatient), Err(Error::Interrupted)));
     assert!(impatient.asked() <= patient.asked() / 2 + 64, "{} of {}", impatient.asked(), patient.asked());
 }
 
-/// Work that somebody may want to stop.
+/// An operation that can be cancelled.
 type Work<'a> = dyn Fn(&Impatient) -> spinney::Result<()> + Sync + 'a;
 
 #[test]
@@ -100,7 +100,8 @@ fn measures_of_solids_are_interrupted() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
     let volume = |progress: &Impatient| tree.solid(6, progress).map(|_| ());
     let surface = |progress: &Impatient| tree.solid_surface(6, progress).map(|_| ());
-    // Of 8 x 8 x 8 nodes that threads share each asks; of 8 blocks each plane of faces.
+    // Each of 8 x 8 x 8 nodes that threads share checks once; in each of 8 blocks each plane of
+    // faces does.
     let works: [(&Work<'_>, u64); 2] = [(&volume, 512), (&surface, 24)];
     for (work, least) in works {
         let patient = Impatient::new(u64::MAX);
@@ -108,7 +109,7 @@ fn measures_of_solids_are_interrupted() {
         assert!(patient.asked() >= least, "{}", patient.asked());
         let impatient = Impatient::new(patient.asked() / 2);
         assert!(matches!(pool.install(|| work(&impatient)), Err(Error::Interrupted)));
-        // What threads share asks once more each.
+        // Each shared task checks once more.
         assert!(impatient.asked() < patient.asked() / 2 + 600, "{}", impatient.asked());
     }
 }

@@ -1,5 +1,5 @@
-//! What must not be lost in silence: cells of models to vertices and levels of detail that no face uses, or that lie far away, solids
-//! without an inside, and what meshes have no room for.
+//! Losses that must be reported: cells wasted on vertices and levels of detail that no face uses or
+//! that are distant, solids without an inside, and attributes that mesh formats cannot store.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -33,7 +33,7 @@ fn sixteen() -> SolidOptions {
     with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(16))
 }
 
-/// Builds a model of this text.
+/// Builds a model from a string.
 fn build_text(name: &str, text: &str) -> (Dataset, SolidReport) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
@@ -61,7 +61,7 @@ fn only_what_faces_use_sets_the_cells() {
         format!("facet normal 0 0 0\nouter loop\n{corners}endloop\nendfacet\n")
     };
     let [a, b, c, d] = ["0 0 0", "1 0 0", "0 1 0", "0 0 1"];
-    // What has no three different corners is no face.
+    // A facet without three distinct vertices is not a face.
     let facets =
         [[a, c, b], [a, b, d], [a, d, c], [b, c, d], ["7 7 7", "7 7 7", "8 8 8"]].map(facet).concat();
     let stl = format!("solid a\n{facets}endsolid a\n");
@@ -136,7 +136,7 @@ fn large_coordinates_are_coordinates() {
     for size in ["3e38", "2.5e90", "1e-90"] {
         let (_, report) = build_text("a.obj", &of_size(size));
         assert_eq!((report.cells, report.collapsed), (expected.cells, 0), "{size}");
-        // Vertices that no face uses do not matter, however far away.
+        // Vertices that no face uses do not matter, at any distance.
         let (_, report) = build_text("a.obj", &format!("{}v -3.4e38 3.4e38 1e300\n", of_size(size)));
         assert_eq!(report.cells, expected.cells, "{size}");
     }
@@ -148,7 +148,8 @@ fn large_coordinates_are_coordinates() {
         let output = Output::create(&folder.path().join("x.goblin")).unwrap();
         plan.and_then(|plan| plan.build(output, &())).unwrap_err().to_string()
     };
-    // A face that reaches far away: beside its length, all are lines or points. Nothing is damaged, and that is not said.
+    // A very long face: relative to its length, all other faces are lines or points. The file is
+    // valid, and the error does not call it corrupt.
     let far = format!("{TETRAHEDRON}v 3e38 -3e38 3e38\nf 1 2 5\n");
     let error = error_of(&far);
     for text in ["points or lines", "3e38", "far away"] {
@@ -158,10 +159,10 @@ fn large_coordinates_are_coordinates() {
     let output = Output::create(&folder.path().join("x.goblin")).unwrap();
     let error = import_exact(models, &ExactOptions::new(), output, &()).unwrap_err().to_string();
     assert!(error.contains("points or lines") && !error.contains("damaged"), "{error}");
-    // Two such faces that have an area: what is lost beside them is counted.
+    // Two such faces with an area: the other faces are counted as collapsed.
     let (_, report) = build_text("a.obj", &format!("{far}v 0 3e38 3e38\nf 1 5 6\n"));
     assert_eq!((report.faces, report.collapsed, report.triangles), (6, 5, 1));
-    // Cells whose volume is no number.
+    // Cells whose volume is not finite.
     for size in ["1e200", "1e-200"] {
         let error = error_of(&of_size(size));
         assert!(error.contains("scale the model"), "{error}");
@@ -178,7 +179,7 @@ impl Progress for Told {
     }
 }
 
-/// What is told of a file that is written: nothing, or one line.
+/// Returns the warning issued for a file: empty, or one line.
 fn told(write: impl FnOnce(Output, &Told)) -> String {
     let (folder, told) = (tempfile::tempdir().unwrap(), Told::default());
     write(Output::create(&folder.path().join("mesh")).unwrap(), &told);
@@ -187,7 +188,7 @@ fn told(write: impl FnOnce(Output, &Told)) -> String {
     lines.concat()
 }
 
-/// Makes sure that a line tells exactly these of all that there are.
+/// Checks that a line lists exactly the expected losses of all possible ones.
 fn check_told(line: &str, expected: &[&str], all: &[&str], what: &str) {
     for text in all {
         assert_eq!(line.contains(text), expected.contains(text), "{what}, `{text}`: {line}");
@@ -218,7 +219,7 @@ fn meshes_of_trees_tell_what_they_lose() {
     let coloured = tree(oct(SampleType::U8, 3), mean, &placed);
     let classes = tree(OCT, (Rule::Majority, DataKind::Categorical), &named);
     let numbers = tree(oct(SampleType::F32, 1), mean, &placed);
-    // A single value says no more than that a cell is there.
+    // A single value only marks existing cells.
     let full = made(OCT, [4; 3], |_| Some(byte(255)));
     let full =
         opened(|path| write_cells(path, &full, &options(Rule::Max, DataKind::Continuous, full.depth())));
@@ -255,7 +256,7 @@ fn meshes_of_trees_tell_what_they_lose() {
         });
         check_told(&line, &[crs, unit], &ALL, &format!("isosurface, {format:?}"));
     }
-    // Palettes are colours there, and names are in a table.
+    // Palettes become colours there, and names are in a table.
     let of_models: [(&Dataset, Vec<&str>); 5] = [
         (&solid, vec![]),
         (&full, vec![]),
@@ -287,7 +288,7 @@ fn meshes_of_exact_models_tell_what_they_lose() {
         import_exact(models, &options, Output::create(&file).unwrap(), &()).unwrap();
         ExactModel::open(&file, &OpenOptions::new()).unwrap()
     };
-    // One with colours, which is two parts; a part with a name; nothing but faces.
+    // One with colours, which has two parts; a part with a name; only faces.
     let red = TETRAHEDRON.replace("v 0 0 0", "v 0 0 0 1 0 0").replace("v 1 0 0", "v 1 0 0 1 0 0");
     let red = red.replace("v 0 1 0", "v 0 1 0 1 0 0").replace("v 0 0 1\n", "v 0 0 1 1 0 0\n");
     let [two, named, plain] = [
@@ -299,7 +300,7 @@ fn meshes_of_exact_models_tell_what_they_lose() {
         let of_two: &[&str] = match format {
             MeshFormat::Obj => &[crs, unit],
             MeshFormat::Stl => &[colours, parts, crs, unit],
-            // (Coordinates are in the unit of the system.)
+            // Coordinates are in the unit of the coordinate system.
             MeshFormat::CityJson => &[colours],
             _ => &[parts, crs, unit],
         };
@@ -314,7 +315,7 @@ fn meshes_of_exact_models_tell_what_they_lose() {
             check_told(&line, expected, &ALL, &format!("{what}, {format:?}"));
         }
     }
-    // A face with a hole, which is but one ring in most formats.
+    // A face with a hole, which is a single ring in most formats.
     let mut faces = FaceList::new(Grid::over([[0.0; 3], [9.0; 3]], Some(1.0)).unwrap(), vec!["mesh".into()]);
     let points = [[0, 0, 0], [9, 0, 0], [9, 9, 0], [0, 9, 0], [3, 3, 0], [3, 6, 0], [6, 6, 0], [6, 3, 0]];
     faces.push(&Face { number: 0, points: &points, ring_ends: &[4, 8], colours: &[], part: 0, source: 0 });

@@ -1,4 +1,4 @@
-//! Models of which a part is open: that part costs and changes only itself.
+//! Models with an open part: only that part costs time and changes.
 
 use spinney::import::mesh::{Resolution, SolidOptions, open_all, plan_models};
 use spinney::query::EdgeRule;
@@ -14,7 +14,7 @@ fn object(triangles: Vec<Triangle>, part: u32) -> Faces {
     triangles.into_iter().map(|triangle| (triangle, part, [10 * part as u8 + 5, 0, part as u8])).collect()
 }
 
-/// Boxes in a row, each an object, so far from one to the next.
+/// A row of boxes, each an object, at a distance of `step`.
 fn row(count: u32, step: f64) -> Vec<Faces> {
     let of = |part: u32| {
         let x = 1.0 + f64::from(part) * step;
@@ -28,7 +28,7 @@ fn labels(faces: Vec<Faces>, options: &SolidOptions) -> (Vec<Option<Value>>, Ins
     (cells(&tree), report.inside)
 }
 
-/// The coordinates of a cell of 64 x 64 x 64.
+/// Returns the coordinates of a cell in a grid of 64 x 64 x 64.
 fn at(index: usize) -> [usize; 3] {
     [index % 64, index / 64 % 64, index / 4096]
 }
@@ -46,13 +46,13 @@ fn one_open_object_changes_only_itself() {
             assert_eq!(inside, InsideTest::Closed);
             for open in [0, 3, 6] {
                 let mut faces = closed.clone();
-                // The face that is seen along y.
+                // The face perpendicular to y.
                 faces[open].drain(4..6);
                 let (found, inside) = labels(faces, &options);
                 assert_eq!(inside, InsideTest::Open);
                 let own: Vec<usize> = (0..found.len()).filter(|i| found[*i] != expected[*i]).collect();
                 let first = 1 + open * step as usize;
-                // Of itself it loses some cells at the hole, and gains none.
+                // The open box loses some cells at the hole, and gains none.
                 for index in &own {
                     assert!((first..first + 6).contains(&at(*index)[0]) && found[*index].is_none(), "{open}");
                 }
@@ -62,8 +62,9 @@ fn one_open_object_changes_only_itself() {
     }
 }
 
-/// Makes sure that cells are where a field of an object of its own is at least one half, and that the first such object gives the label; of
-/// cells whose fields are in doubt nothing is asked.
+/// Checks that cells are full if the winding field of some object is at least one half, and that
+/// the first such object gives the label. Cells whose fields are within the error bound are not
+/// checked.
 fn check_objects(objects: &[Vec<Triangle>], found: &[Option<Value>], side: usize, what: &str) {
     let boxes = objects.iter().map(|triangles| {
         let extreme = |axis: usize, pick: fn(f64, f64) -> f64, from: f64| {
@@ -96,7 +97,7 @@ fn check_objects(objects: &[Vec<Triangle>], found: &[Option<Value>], side: usize
 #[test]
 fn open_objects_share_nothing() {
     let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
-    // Boxes without a wall, beside each other with and without edges in common, and within each other.
+    // Boxes without a wall, next to each other with and without common edges, and nested.
     let box_of = |low: Point, high: Point, without: &[usize]| -> Vec<Triangle> {
         let faces = cuboid(low, high).into_iter().enumerate();
         faces.filter(|(index, _)| !without.contains(index)).map(|(_, face)| face).collect()
@@ -112,7 +113,7 @@ fn open_objects_share_nothing() {
         let faces = objects.iter().zip(0..).map(|(triangles, part)| object(triangles.clone(), part));
         let (found, inside) = labels(faces.collect(), &options);
         assert_eq!(inside, InsideTest::Open);
-        // What is closed comes before what is open.
+        // Closed objects take precedence over open ones.
         let order = [4usize, 0, 1, 2, 3];
         let relabel = |cell: &Option<Value>| {
             cell.map(|value| {
@@ -129,7 +130,7 @@ fn open_objects_share_nothing() {
 #[test]
 #[cfg(feature = "mesh")]
 fn groups_are_of_one_object_and_objects_are_not() {
-    // A box, its walls by themselves, but for a triangle.
+    // A box whose walls are separate objects, with a missing triangle.
     let text = |word: &str| {
         let (mut corners, mut text) = (0, String::new());
         for (index, triangle) in cuboid([0.0; 3], [4.0, 4.0, 8.0]).into_iter().enumerate().skip(1) {
@@ -173,7 +174,7 @@ fn houses_of_a_city_share_nothing() {
         .faces(&mut |face| {
             let mut first = 0;
             for end in face.ring_ends {
-                // A cell is 4 m wide. (Fans are as good as triangles for fields of flat faces.)
+                // A cell is 4 m wide. For flat faces, fans give the same field as triangles.
                 let ring = face.points[first..*end].iter();
                 let ring: Vec<Point> =
                     ring.map(|point| [0, 1, 2].map(|axis| (point[axis] - origin[axis]) / 4.0)).collect();
@@ -200,7 +201,7 @@ fn a_flipped_object_changes_no_labels() {
     faces[2][8].0.swap(0, 1);
     faces[4].iter_mut().for_each(|(triangle, ..)| triangle.swap(0, 1));
     assert_eq!(labels(faces.clone(), &options), (expected.clone(), InsideTest::Flipped));
-    // With an open one beside them.
+    // With an open object next to them.
     faces[6].drain(0..2);
     let (found, inside) = labels(faces, &options);
     assert_eq!(inside, InsideTest::Open);
@@ -227,7 +228,7 @@ fn threads_do_not_change_the_bytes() {
 
 #[test]
 fn ground_and_houses_and_hollow_bodies() {
-    // The ground is a bowl, deep enough to be full; the house in it is there as a whole.
+    // The ground is a bowl, deep enough to be full; the house in it is complete.
     let ground: Vec<Triangle> = cuboid([2.0, 2.0, 2.0], [60.0, 60.0, 40.0]).into_iter().skip(4).collect();
     let ground: Vec<Triangle> = ground.into_iter().map(|[a, b, c]| [a, c, b]).collect();
     let house = |low: Point, high: Point| cuboid(low, high);
@@ -235,7 +236,7 @@ fn ground_and_houses_and_hollow_bodies() {
     let options = with(unit_cells(6), |it| it.attribute = Attribute::Part);
     let (found, _) = labels(faces, &options);
     assert_eq!(found.iter().filter(|cell| **cell == Some(Value::from([2u8]))).count(), 10 * 10 * 9);
-    // A cavity in a body that is open elsewhere stays one.
+    // A cavity in a solid with a hole in another region of its surface remains a cavity.
     let mut inner = cuboid([20.0; 3], [40.0; 3]);
     inner.iter_mut().for_each(|triangle| triangle.swap(0, 1));
     let outer = cuboid([4.0; 3], [60.0; 3]);
@@ -290,10 +291,12 @@ fn files_with_open_objects() {
     }
 }
 
-/// Error of the winding field, as stated: cells whose field is nearer to one half may be inside or outside.
+/// Error bound of the winding field: cells with a field nearer to one half may be inside or
+/// outside.
 const BOUND: f64 = 0.01;
 
-/// Builds open triangles in cells of width 1, and compares some cells with the field at their centres.
+/// Builds open triangles in cells of width 1, and compares every `every`-th cell with the field at
+/// its centre.
 fn compare(triangles: &[Triangle], depth: u8, every: usize, what: &str) {
     let (tree, report) = build(plain(triangles), &unit_cells(depth));
     assert_eq!(report.inside, InsideTest::Open, "{what}");
@@ -310,7 +313,7 @@ fn compare(triangles: &[Triangle], depth: u8, every: usize, what: &str) {
             assert!(cell.is_none(), "{what}: {at:?} outside of the surface");
             continue;
         }
-        // What lies on a triangle lies beside it, by far the most along x and the least along z.
+        // Points on a triangle are perturbed, most along x and least along z.
         let expected =
             winding(triangles, [at[0] + 0.5 + 1e-6, at[1] + 0.5 + 1e-8, at[2] + 0.5 + 1e-10]).abs();
         if (expected - 0.5).abs() > BOUND {
@@ -333,11 +336,11 @@ fn cells_are_as_the_exact_field_says() {
                 [0; 3].map(|_| from.map(|x| number(x, size).min(31.25)))
             })
             .collect();
-        // Some of it closed but for a triangle, so that there is an inside.
+        // A box without one triangle, so that there is an inside.
         soup.extend(cuboid([5.25, 6.0, 7.25], [16.0, 20.25, 14.0]).into_iter().skip(1));
         compare(&soup, 5, 1 + count / 50, &format!("{count} loose triangles"));
     }
-    // Boxes without a side or two, also turned inside out, with sides and their diagonals through cells' centres.
+    // Boxes without a side or two, also inside out, with sides and diagonals through cell centres.
     for (low, high) in [([10.25, 20.75, 12.0], [50.0, 44.25, 49.125]), ([9.5, 9.5, 9.5], [41.5, 41.5, 41.5])]
     {
         for skipped in [vec![0, 1], vec![3], vec![7, 8]] {

@@ -1,4 +1,5 @@
-//! Surfaces in patches, bodies without volume, cavities that touch the exterior, and shells in walls between cells.
+//! Surfaces in patches, solids without volume, cavities that touch the exterior, and shells in
+//! walls between cells.
 
 use std::path::Path;
 
@@ -10,7 +11,8 @@ use spinney::{Error, ExactModel, Output, Result};
 use crate::common::solid::{Polygon, Polygons, Triangle, build, cells, cuboid, plain, unit_cells};
 use crate::common::with;
 
-/// The volume of an exact model of faces, each of a part, after comparing it with that of cells where there is one.
+/// Returns the volume of an exact model of faces with parts, after comparing it with that of the
+/// cells, if any.
 fn volume(faces: &[(Triangle, u32)], change: impl FnOnce(&mut ExactOptions)) -> Result<f64> {
     let (volume, cells) = volumes(faces, change)?;
     if let Some([found, error]) = cells {
@@ -19,7 +21,7 @@ fn volume(faces: &[(Triangle, u32)], change: impl FnOnce(&mut ExactOptions)) -> 
     Ok(volume)
 }
 
-/// The volume of an exact model of faces, each of a part, and that of their cells with its error.
+/// Returns the volume of an exact model of faces with parts, and that of the cells with its error.
 fn volumes(
     faces: &[(Triangle, u32)],
     change: impl FnOnce(&mut ExactOptions),
@@ -44,25 +46,25 @@ fn volumes(
 
 #[test]
 fn patches_of_one_surface_are_joined_before_holes_are_closed() {
-    // A side of two triangles for each part.
+    // Each part is a side of two triangles.
     let sides: Vec<(Triangle, u32)> =
         cuboid([0.0; 3], [2.0, 3.0, 5.0]).into_iter().zip(0..).map(|(face, i)| (face, i / 2)).collect();
     for close in [false, true] {
         assert_eq!(volume(&sides, |it| it.close = close).unwrap(), 30.0);
     }
     assert_eq!(volume(&sides, |it| (it.close, it.repair) = (true, true)).unwrap(), 30.0);
-    // Without a side: what stays open is closed.
+    // Without a side: the open surface is closed.
     for missing in 0..6 {
         let open: Vec<_> = sides.iter().copied().filter(|(_, part)| *part != missing).collect();
         let (volume, cells) = volumes(&open, |it| it.close = true).unwrap();
-        // (Cells take the patches for one surface, too.)
+        // Cells treat the patches as one surface, too.
         let [found, error] = cells.unwrap();
         assert_eq!(volume, 30.0, "without {missing}");
         assert!((found - 30.0).abs() <= error && error < 1.0, "without {missing}: {found} +- {error}");
         let error = self::volume(&open, |_| ()).unwrap_err();
         assert!(matches!(error, Error::NotASolid { .. }), "{error}");
     }
-    // Two boxes in patches, and --skip-bad, which takes patches of one surface as one body.
+    // Two boxes in patches, and --skip-bad, which treats patches of one surface as one solid.
     let other = sides.iter().map(|(face, part)| (face.map(|[x, y, z]| [x + 9.0, y, z]), part + 6));
     let both: Vec<_> = sides.iter().copied().chain(other).collect();
     assert_eq!(volume(&both, |it| it.close = true).unwrap(), 60.0);
@@ -111,11 +113,11 @@ fn cavities_that_touch_the_exterior_stay() {
         let size: f64 = (0..3).map(|axis| high[axis] - low[axis]).product();
         let all = [body.clone(), hollow(low, high)].concat();
         assert_eq!(repaired(&all), 512.0 - size, "{low:?} {high:?}");
-        // All of it inside out.
+        // Everything inside out.
         let turned: Vec<Triangle> = all.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
         assert_eq!(repaired(&turned), 512.0 - size, "{low:?} {high:?}");
     }
-    // An octahedron whose vertices lie in the faces of the body.
+    // An octahedron whose vertices lie on the solid's faces.
     let mut octahedron: Vec<Triangle> = Vec::new();
     let at = |axis: usize, end: f64| {
         let mut point = [4.0; 3];
@@ -130,7 +132,7 @@ fn cavities_that_touch_the_exterior_stay() {
     let all = [body.clone(), octahedron].concat();
     let found = repaired(&all);
     assert!((found - (512.0 - 256.0 / 3.0)).abs() < 1e-4, "{found}");
-    // Bodies that touch from outside are turned for themselves.
+    // Solids that touch from outside are oriented separately.
     let beside = [body.clone(), hollow([8.0, 0.0, 0.0], [10.0, 8.0, 8.0])].concat();
     assert_eq!(repaired(&beside), 640.0);
 }
@@ -142,18 +144,18 @@ fn shells_have_the_cells_behind_faces_in_walls() {
         let (tree, _) = build(plain(triangles), &options);
         cells(&tree).iter().flatten().count()
     };
-    // A cube on the walls, turned outward: the cells inside along its sides.
+    // A cube on cell walls, oriented outward: the inner cells along its sides.
     let cube = cuboid([2.0; 3], [7.0; 3]);
     assert_eq!(count(&cube), 125 - 27);
-    // Turned inward: those outside.
+    // Oriented inward: the outer ones.
     let inward: Vec<Triangle> = cube.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
     assert_eq!(count(&inward), 6 * 25);
-    // At the ends of the tree there is one side alone.
+    // At the border of the tree only one side has cells.
     let all = cuboid([0.0; 3], [16.0; 3]);
     let inward: Vec<Triangle> = all.iter().map(|[a, b, c]| [*a, *c, *b]).collect();
     assert_eq!(count(&all), 16 * 16 * 16 - 14 * 14 * 14);
     assert_eq!(count(&inward), count(&all));
-    // Two boxes with a wall in common, each of which has it.
+    // Two boxes with a duplicated common wall.
     let two = [cuboid([2.0; 3], [5.0, 7.0, 7.0]), cuboid([5.0, 2.0, 2.0], [8.0, 7.0, 7.0])].concat();
     assert_eq!(count(&two), 2 * (75 - 9));
 }
@@ -170,7 +172,7 @@ fn reported_models_are_right() {
         MassProperties::of(&ExactModel::open(&path, &Default::default()).unwrap(), &()).unwrap().volume
     };
     assert_eq!(of("turn_face.off", &|it| it.repair = true), 504.0);
-    // (A cube of 8 with a pit of 4 x 4 x 4, as its cells have it.)
+    // A cube of 8 with a pit of 4 x 4 x 4, as its cells have it.
     assert_eq!(of("t2_pit.off", &|it| it.repair = true), 448.0);
     assert_eq!(of("patches.stl", &|it| it.close = true), 24.0);
 }

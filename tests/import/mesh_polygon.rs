@@ -1,4 +1,5 @@
-//! Faces against octants, and faces into triangles: worked cases, and random ones against an exact referee.
+//! Faces against octants, and triangulation of faces: worked cases, and random ones against an
+//! exact reference.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,7 +26,7 @@ fn joined<R: AsRef<[Point]>>(rings: &[R]) -> (Vec<Point>, Vec<usize>) {
     (points, ends)
 }
 
-/// A ring in the plane z = `z`.
+/// Returns a ring in the plane z = `z`.
 fn at<const N: usize>(z: i64, ring: [[i64; 2]; N]) -> [Point; N] {
     ring.map(|[x, y]| [x, y, z])
 }
@@ -38,7 +39,7 @@ fn square(z: i64, min: i64, max: i64) -> [Point; 4] {
 fn decides(rings: &[&[Point]], cuts: bool, stage: Stage) {
     let face = polygon(rings);
     assert_eq!(face.cuts(&OCTANT), Intersection { cuts, stage }, "{rings:?}");
-    // The same face seen from behind, its rings starting elsewhere, in each of the 48 positions of a cube.
+    // The same face reversed, its rings rotated, in each of the 48 orientations of a cube.
     for turned in 0..48 {
         let turn = |p: &Point| {
             let order = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]][turned % 6];
@@ -62,7 +63,7 @@ fn decides(rings: &[&[Point]], cuts: bool, stage: Stage) {
 fn test_1_boxes() {
     decides(&[&square(5, 1, 3)], false, Stage::Boxes);
     decides(&[&square(2, 4, 8)], false, Stage::Boxes);
-    // In a wall: the octant without its walls has no point in common with the face's bounds.
+    // In a wall: the open octant has no point in common with the face's bounds.
     decides(&[&square(0, 1, 3)], false, Stage::Boxes);
     decides(&[&square(4, -9, 9)], false, Stage::Boxes);
 }
@@ -86,7 +87,7 @@ fn test_3_vertices() {
     decides(&[&square(2, 0, 4), &at(2, [[0, 0], [0, 4], [4, 4]])], true, Stage::Vertices);
     // (2) some outside.
     decides(&[&square(2, 1, 9)], true, Stage::Vertices);
-    // A hole's vertex.
+    // A vertex of a hole.
     decides(&[&square(2, -9, 9), &at(2, [[2, 2], [2, 8], [8, 2]])], true, Stage::Vertices);
 }
 
@@ -97,13 +98,14 @@ fn test_4_section() {
     // Edges cross the section.
     decides(&[&at(2, [[-9, 1], [9, 1], [9, 3], [-9, 3]])], true, Stage::Section);
     decides(&[&at(2, [[-9, 3], [9, 3], [9, 9], [-9, 9]])], true, Stage::Section);
-    // (8) the section's vertices are all on the face's rim: the face around it, and a face that is bent around it.
+    // (8) the section's vertices are all on the face's boundary: the face around it, and a face
+    // that is bent around it.
     decides(&[&at(2, [[0, 0], [4, 0], [9, 4], [4, 4], [0, 4]])], true, Stage::Section);
     let bent = at(2, [[0, 0], [0, 4], [4, 4], [4, 0], [9, 0], [9, 9], [-9, 9], [-9, 0]]);
     decides(&[&bent], false, Stage::Section);
-    // (9) on the rim and inside.
+    // (9) on the boundary and inside.
     decides(&[&at(2, [[0, 0], [9, 0], [9, 9], [0, 9]])], true, Stage::Section);
-    // (10) on the rim and outside, and all outside.
+    // (10) on the boundary and outside, and all outside.
     decides(&[&at(2, [[4, -9], [9, -9], [9, 9], [4, 9]])], false, Stage::Boxes);
     decides(&[&at(2, [[-8, 4], [4, 4], [-8, 8], [-9, -9], [-7, 3]])], false, Stage::Section);
     decides(&[&at(2, [[-9, 7], [7, -9], [9, 9], [8, -8], [-8, 8]])], false, Stage::Section);
@@ -123,7 +125,7 @@ fn test_5_holes() {
     };
     // (11) and (12): equal to the section.
     with(&[&[[0, 0], [0, 4], [4, 4], [4, 0]]], false);
-    // (13): the section's vertices on the hole's rim, the section inside it, and beside it.
+    // (13): the section's vertices on the hole's boundary, the section inside it, and next to it.
     with(&[&[[0, 0], [0, 4], [1, 5], [4, 4], [5, 0]]], false);
     with(&[&[[0, 0], [0, 4], [4, 4], [4, 5], [-1, 5], [-1, 0]]], true);
     // (13): the hole within the section.
@@ -140,15 +142,15 @@ fn test_5_holes() {
     with(&[&[[5, 5], [5, 8], [8, 5]], &[[-8, -8], [-8, -7], [-7, -8]]], true);
     // An edge crosses.
     with(&[&[[-1, -1], [-1, 5], [5, 5]]], true);
-    // Holes that touch the face's rim: what the paper takes for impossible.
+    // Holes that touch the face's boundary, which the paper considers impossible.
     with(&[&[[-9, 0], [0, 4], [0, 0]]], true);
     with(&[&[[-9, 0], [0, 4], [4, 4], [4, 0]]], false);
     with(&[&[[-9, 2], [-1, 6], [6, 6], [6, -1], [-1, -1]]], false);
     with(&[&[[-9, -9], [-9, 9], [9, 9], [9, -9]]], false);
 }
 
-/// Where the vertices of a square section lie in a convex face that turns counterclockwise: the paper's NPM, MPM and
-/// ZPM (inside, on the rim, outside).
+/// Counts the vertices of a square section by their location in a convex counterclockwise face: the
+/// paper's NPM, MPM and ZPM (inside, on the boundary, outside).
 fn paper_counts(face: &[Point], section: [[i64; 2]; 4]) -> [usize; 3] {
     let mut counts = [0; 3];
     for [x, y] in section {
@@ -166,9 +168,9 @@ fn paper_counts(face: &[Point], section: [[i64; 2]; 4]) -> [usize; 3] {
     counts
 }
 
-/// The paper has no rule for the first face, and its rule (10) puts the second one outside, though it covers half of
-/// the section. In neither case an edge of the section strictly crosses one of the face: both times an edge passes
-/// through two vertices of it.
+/// The paper has no rule for the first face, and its rule (10) classifies the second one as
+/// outside, though it covers half of the section. In neither case does an edge of the section
+/// strictly cross an edge of the face: both times it passes through two of the face's vertices.
 #[test]
 fn faces_that_the_paper_gets_wrong() {
     let section = [[0, 0], [4, 0], [4, 4], [0, 4]];
@@ -194,7 +196,8 @@ fn concave_faces_go_round_octants() {
 
 #[test]
 fn slanted_planes() {
-    // Through three corners, through two edges, and through six edges' middles; the rim is far outside.
+    // Through three corners, through two edges, and through six edges' midpoints; the boundary is
+    // far outside.
     let around = |a: Point, b: Point, c: Point| [a, b, c];
     for face in [
         around([-20, 12, 12], [12, -20, 12], [12, 12, -20]),
@@ -234,8 +237,8 @@ fn verdicts_are_counted() {
     assert_eq!(stages, Stages { apart: [2, 0, 0, 0, 0, 0], cutting: [0, 0, 2, 0, 0, 0] });
 }
 
-/// Whether a convex face cuts an octant: what the octant's half-spaces leave of it lies in no wall. Exact, in
-/// homogeneous coordinates.
+/// Returns whether a convex face cuts an octant: the face clipped to the octant is not within a
+/// wall. Exact, in homogeneous coordinates.
 fn convex_cuts(points: &[Point], octant: &Box3) -> bool {
     let mut face: Vec<[i128; 4]> =
         points.iter().map(|p| [p[0].into(), p[1].into(), p[2].into(), 1]).collect();
@@ -288,7 +291,8 @@ fn octant_at(random: &mut Random, near: Point) -> Box3 {
     Box3 { min, max: min.map(|x| x + side) }
 }
 
-/// A random connected set of cells: concave, with holes that touch its rim and one another in corners.
+/// A random connected set of cells: concave, with holes that touch its boundary and one another in
+/// corners.
 fn cells(random: &mut Random) -> BTreeSet<[i64; 2]> {
     let side = 3 + random.below(5);
     let mut set = BTreeSet::from([[0, 0]]);
@@ -303,8 +307,8 @@ fn cells(random: &mut Random) -> BTreeSet<[i64; 2]> {
     set
 }
 
-/// The rings of a set of cells, inside on their left, the outer one first. Where two rings touch, each stays with its
-/// cell, or all become one, as asked. Corners on straight lines stay or go.
+/// Returns the rings of a set of cells, inside on their left, the outer one first. With `merged`,
+/// rings that touch become one. Collinear vertices are kept or removed.
 fn rings(cells: &BTreeSet<[i64; 2]>, merged: bool, keep_straight: bool) -> Vec<Vec<[i64; 2]>> {
     let mut edges: BTreeMap<[i64; 2], Vec<[i64; 2]>> = BTreeMap::new();
     for &[x, y] in cells {
@@ -358,7 +362,7 @@ fn area(ring: &[[i64; 2]]) -> i64 {
         .sum()
 }
 
-/// The edges that go one way more often than the other, by their ends' places.
+/// Returns the edges used more often in one direction than in the other, by their end points.
 fn outline(loops: impl Iterator<Item = Vec<Point>>) -> BTreeMap<[Point; 2], i64> {
     let mut edges = BTreeMap::new();
     for ring in loops {
@@ -383,7 +387,8 @@ fn doubled_area(ring: &[Point]) -> [i128; 3] {
     sum
 }
 
-/// Triangulates, and checks that all triangles turn as the face does, that they have its area and its edges.
+/// Triangulates, and checks that all triangles have the face's orientation, and together its area
+/// and edges.
 #[track_caller]
 fn triangles(rings: &[Vec<Point>]) -> Vec<[Point; 3]> {
     let (points, ends) = joined(rings);
@@ -405,7 +410,8 @@ fn triangles(rings: &[Vec<Point>]) -> Vec<[Point; 3]> {
     triangles
 }
 
-/// Cells in a random plane, their triangles, and random octants: the referee asks for each cell by itself.
+/// Cells in a random plane, their triangles, and random octants: the reference tests each cell
+/// separately.
 #[test]
 fn random_faces_agree_with_their_cells() {
     let mut random = Random(common::Random(7));
@@ -442,7 +448,7 @@ fn random_faces_agree_with_their_cells() {
     assert!(stages.cutting[2..5].iter().all(|&times| times > 40), "{stages:?}");
 }
 
-/// Snapped corners are not quite in one plane: triangles still have all edges, and the face is its triangles.
+/// Snapped vertices are not exactly coplanar: triangles still have all edges, and define the face.
 #[test]
 fn bent_faces_agree_with_their_triangles() {
     let mut random = Random(common::Random(8));
@@ -464,7 +470,7 @@ fn bent_faces_agree_with_their_triangles() {
     }
 }
 
-/// Nested lists of numbers: rings of points.
+/// Parses nested lists of numbers as rings of points.
 fn read_rings(text: &str) -> Vec<Vec<[f64; 2]>> {
     let (mut rings, mut numbers, mut depth) = (Vec::new(), Vec::new(), 0);
     for part in text.split_inclusive(['[', ']', ',']) {
@@ -481,8 +487,8 @@ fn read_rings(text: &str) -> Vec<Vec<[f64; 2]>> {
     rings
 }
 
-/// Polygons collected for what they did to a triangulation program, snapped to the grid in a slanted plane: those that
-/// are polygons are triangulated, and are cut by octants as their triangles are.
+/// Polygons collected as failures of a triangulation program, snapped to the grid in a slanted
+/// plane: valid ones are triangulated, and octants cut them like their triangles.
 #[test]
 fn collected_polygons() {
     let Some(folder) = common::shared_data() else { return };
@@ -524,6 +530,6 @@ fn collected_polygons() {
             assert_eq!(face.cuts(&octant).cuts, expected, "{file:?} {octant:?}");
         }
     }
-    // Rings that cross or enclose nothing; those that run along one another are fine.
+    // Rings that cross or enclose nothing; collinear overlaps are accepted.
     assert_eq!(failed, ["bad-hole", "degenerate", "issue107", "issue142"]);
 }

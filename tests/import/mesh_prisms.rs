@@ -8,8 +8,8 @@ use crate::common::solid::{Point, Polygon, Polygons, build, cells, unit_cells};
 
 type Ring = Vec<[f64; 2]>;
 
-/// The prism over some rings, the first around it counterclockwise and the others around its holes clockwise, from one height
-/// to another; its axis is that of the given number.
+/// Returns the prism over rings (the outer one counterclockwise, holes clockwise) between two
+/// heights along an axis.
 fn prism(rings: &[Ring], heights: [f64; 2], axis: usize) -> Vec<Polygon> {
     let point = |[u, v]: [f64; 2], height: f64| -> Point {
         let mut point = [0.0; 3];
@@ -35,7 +35,7 @@ fn prism(rings: &[Ring], heights: [f64; 2], axis: usize) -> Vec<Polygon> {
     faces
 }
 
-/// Whether a point is inside an odd number of rings.
+/// Returns whether a point is inside an odd number of rings.
 fn is_inside(rings: &[Ring], [u, v]: [f64; 2]) -> bool {
     let crossed = |ring: &Ring| {
         (0..ring.len())
@@ -110,7 +110,7 @@ fn prisms_are_concave_and_have_holes() {
 #[test]
 fn holes_touch_the_rim_and_each_other() {
     let outer = rectangle([2.0, 2.0], [30.0, 30.0]);
-    // With a corner at the rim, and at a corner of another hole.
+    // With a vertex on the boundary, and on a vertex of another hole.
     let at_rim = hole(vec![[2.0, 16.0], [9.3, 12.1], [9.7, 19.9]]);
     let one = hole(vec![[12.0, 12.2], [18.0, 12.0], [18.0, 18.0]]);
     let two = hole(vec![[18.0, 18.0], [24.0, 18.5], [24.0, 23.8]]);
@@ -124,7 +124,7 @@ fn polygons_and_their_triangles_give_the_same_cells() {
     let mut random = Random(31);
     let mut triangulator = Triangulator::default();
     for _ in 0..20 {
-        // A star around a point, with one small hole around it.
+        // A star around a point, with one small hole at it.
         let corners = 5 + random.below(12) as usize;
         let mut ring = |radius: f64| -> Ring {
             (0..corners)
@@ -140,7 +140,7 @@ fn polygons_and_their_triangles_give_the_same_cells() {
         let faces = prism(&[ring(8.0), hole(ring(1.1))], [3.25, 21.5], 2);
         let mut triangles = Vec::new();
         for face in &faces {
-            // On the grid they are whole numbers.
+            // On the grid they are integers.
             let corners: Vec<[i64; 3]> =
                 face.rings.concat().into_iter().map(|point| point.map(|at| (at * GRID) as i64)).collect();
             let mut end = 0;
@@ -164,7 +164,7 @@ fn polygons_and_their_triangles_give_the_same_cells() {
 
 #[test]
 fn faces_are_what_was_given() {
-    // The helper above: rings one after the other, with where they end.
+    // The helper above: consecutive rings, with their ends.
     let faces = prism(&[rectangle([0.0; 2], [4.0; 2]), hole(rectangle([1.0; 2], [2.0; 2]))], [0.0, 1.0], 2);
     let mut lids = 0;
     let mut count = |face: &MeshFace<'_>| {

@@ -1,4 +1,4 @@
-//! Readers of boundary representations, against hand-written files, real ones and hostile ones.
+//! Readers of boundary representations, against hand-written, real and malicious files.
 
 #[path = "mesh_files/mod.rs"]
 mod mesh_files;

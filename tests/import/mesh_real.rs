@@ -1,4 +1,4 @@
-//! Solids of real meshes: volumes as they are known, and broken meshes against whole ones.
+//! Solids of real meshes: known volumes, and broken meshes against intact ones.
 
 use std::path::{Path, PathBuf};
 
@@ -18,7 +18,7 @@ fn build(inputs: &[PathBuf], options: &SolidOptions) -> (Dataset, SolidReport) {
     (dataset::open(&path, &OpenOptions::new()).unwrap(), report)
 }
 
-/// The models of `expected.tsv`: name, whether watertight, signed volume and area.
+/// Returns the models of `expected.tsv`: name, whether watertight, signed volume and area.
 fn models(folder: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
     let table = std::fs::read_to_string(folder.join("expected.tsv")).unwrap();
     let row = |line: &str| {
@@ -29,7 +29,7 @@ fn models(folder: &Path) -> Vec<(PathBuf, bool, [f64; 2])> {
     table.lines().skip(1).map(row).collect()
 }
 
-/// Volume in the units of the model.
+/// Volume in model units.
 fn volume(tree: &Dataset) -> f64 {
     let cell = tree.metadata().frame.matrix[0][0];
     let statistics = tree.statistics(None, &()).unwrap();
@@ -42,7 +42,8 @@ fn volumes_and_areas_of_closed_models_are_right() {
     let mut checked = 0;
     for (path, is_closed, [expected, area]) in models(&data.join("mesh")) {
         let name = path.file_name().unwrap().to_str().unwrap().to_string();
-        // Loose triangles are no solid, and where bodies overlap the volume is not the sum of theirs.
+        // Loose triangles are no solid, and the volume of overlapping solids is not the sum of
+        // theirs.
         if !is_closed || name.contains("overlap") || name.contains("soup") {
             continue;
         }
@@ -58,7 +59,7 @@ fn volumes_and_areas_of_closed_models_are_right() {
             let surface = tree.solid_surface(tree.depth(), &()).unwrap();
             [volume(&tree) / expected - 1.0, surface.smooth_area() / area - 1.0]
         };
-        // A flat face along the axes may be off by half a cell all over.
+        // An axis-parallel face may be off by half a cell over its whole area.
         let [coarse, fine] = [64, 256].map(|cells| of(cells, EdgeRule::Centre).map(f64::abs));
         assert!(coarse[0] < 5e-2 && fine[0] < 1e-2, "{name}: {coarse:?}, {fine:?}");
         assert!(coarse[1] < 0.1 && fine[1] < 0.02 && fine[1] < coarse[1], "{name}: {coarse:?}, {fine:?}");
@@ -85,7 +86,7 @@ fn broken_models_are_filled_as_whole_ones() {
         let like = Resolution::Like(whole.metadata().frame.clone(), 7);
         let (other, report) = build(&[mesh.join(broken)], &with(options, |it| it.resolution = like));
         assert_eq!(report.inside, decided, "{broken}");
-        // Which of 128 x 128 x 128 cells there are.
+        // Which of 128 x 128 x 128 cells are full.
         let there = |tree: &Dataset| {
             let mut valid = vec![false; 1 << 21];
             tree.window(7, &Bounds::picture([128; 3]), 0.0, &mut vec![0; 1 << 21], Some(&mut valid)).unwrap();
@@ -119,7 +120,7 @@ fn buildings_become_parts() {
     let (tree, report) = build(&[city], &options);
     assert!(report.faces > 200, "{report:?}");
     assert_eq!(tree.metadata().class_names.len(), 16);
-    // Only the other file tells its coordinate system.
+    // Only the other file stores its coordinate system.
     assert_eq!(tree.metadata().frame.crs, None);
     let options = with(SolidOptions::new(), |it| it.resolution = Resolution::Cells(64));
     let (tree, _) = build(&[data.join("mesh/cityjson/delft.json")], &options);

@@ -1,4 +1,4 @@
-//! Solids made of meshes, against brute force: winding numbers at every cell's centre.
+//! Solids of meshes, against brute-force winding numbers at every cell centre.
 
 use spinney::import::mesh::plan_models;
 use spinney::query::EdgeRule;
@@ -24,7 +24,7 @@ fn boxes_on_the_grid_become_their_cells() {
             assert_eq!(*cell, expected.then(|| byte(255)), "{x} {y} {z} {edge:?}");
         }
     }
-    // The whole space: nothing is cut, nothing is divided.
+    // The whole space: nothing is cut or subdivided.
     let (tree, _) = build(plain(&cuboid([0.0; 3], [128.0; 3])), &unit_cells(7));
     assert_eq!(tree.header().extent, [128; 3]);
     assert_eq!(tree.metadata().counts.levels(), [[0, 1, 0]]);
@@ -45,7 +45,7 @@ fn cells_are_inside_where_their_centre_has_a_winding_number() {
                 continue;
             }
             let [x, y, z] = [i % side, i / side % side, i / side / side];
-            // On the surface itself the lattice counts as moved a little, x most.
+            // Points on the surface are perturbed, most along x.
             let at = [x as f64 + 0.5 + 1e-4, y as f64 + 0.5 + 1e-6, z as f64 + 0.5 + 1e-8];
             let expected = winding(&triangles, at);
             if (expected - expected.round()).abs() > 0.01 {
@@ -74,12 +74,12 @@ fn nested_shells_are_cavities_and_bodies_may_overlap() {
     assert_eq!([2, 10, 30, 45, 55, 62].map(at), [None, full, None, full, full, full]);
 }
 
-/// The byte at one of 64 x 64 x 64 cells.
+/// Returns the byte of a cell in 64 x 64 x 64.
 fn value_at(tree: &Goblin, cell: [u32; 3]) -> Option<u8> {
     tree.value_at(Code::from_cell(Dimension::Oct, 6, cell).unwrap()).unwrap().map(as_byte)
 }
 
-/// What a box has of a cell.
+/// Returns a box's share of a cell.
 fn share([low, high]: [Point; 2], cell: [usize; 3]) -> f64 {
     (0..3)
         .map(|axis| {
@@ -89,7 +89,7 @@ fn share([low, high]: [Point; 2], cell: [usize; 3]) -> f64 {
         .product()
 }
 
-/// How far coverage may be off in a cell.
+/// Maximum error of coverage in a cell.
 const ROUNDED: f64 = 0.51 / 255.0;
 
 #[test]
@@ -118,7 +118,7 @@ fn coverage_is_what_a_solid_has_of_each_cell() {
             [upright(a), upright(touching), upright(small)].concat(),
             Box::new(|cell| sum(&[a, touching, small], cell)),
         ),
-        // A cavity in a cell, and one that is larger.
+        // A cavity within a cell, and a larger one.
         (
             [
                 upright(a),
@@ -161,7 +161,7 @@ fn coverage_of_closed_flipped_and_open_objects_is_that_of_any() {
     });
     let turned =
         |triangles: Vec<Triangle>| triangles.into_iter().map(|[a, b, c]| [a, c, b]).collect::<Vec<_>>();
-    // Without the wall that lies furthest along x: elsewhere, the field is that of the whole.
+    // Without the wall at the maximum x: away from it, the field is that of the whole box.
     let open = |[low, high]: [Point; 2]| cuboid(low, high).into_iter().take(10).collect::<Vec<_>>();
     let flipped = |[low, high]: [Point; 2]| {
         let mut triangles = cuboid(low, high);
@@ -169,7 +169,7 @@ fn coverage_of_closed_flipped_and_open_objects_is_that_of_any() {
         triangles
     };
     let closed = |[low, high]: [Point; 2]| cuboid(low, high);
-    // Where one is flipped, parts of cells that both cut are not told exactly.
+    // If one is flipped, coverage of cells that both cut is not exact.
     let cases = [
         ("closed and open", [closed(a), open(b)], InsideTest::Open, ROUNDED),
         ("closed and open inside out", [closed(a), turned(open(b))], InsideTest::Open, ROUNDED),
@@ -188,7 +188,7 @@ fn coverage_of_closed_flipped_and_open_objects_is_that_of_any() {
         let mut several = 0;
         for (i, value) in cells(&tree).into_iter().enumerate() {
             let cell = [i % 64, i / 64 % 64, i / 64 / 64];
-            // (The field is in doubt next to the hole.)
+            // The field is uncertain next to the hole.
             if cell[0] >= 44 && test == InsideTest::Open {
                 continue;
             }
@@ -210,7 +210,7 @@ fn coverage_is_exact_where_bodies_overlap() {
     let mut random = Random(31);
     let mut number = |from: u64, below: u64| from as f64 + random.below(below * 1000) as f64 / 1000.0;
     for round in 0..40 {
-        // Boxes, whose edges lie anywhere or in the walls of cells, some of them turned inside out, some the same as another.
+        // Boxes with edges at random positions or on cell walls, some inside out, some duplicated.
         let mut boxes: Vec<[Point; 2]> = (0..2 + round % 5)
             .map(|_| {
                 let low = [(); 3].map(|()| number(0, 5));
@@ -219,7 +219,7 @@ fn coverage_is_exact_where_bodies_overlap() {
             })
             .collect();
         if round % 4 == 1 {
-            // One that shares a face with another, and a thin overlap.
+            // A box that shares a face with another, and a thin overlap.
             let [low, high] = boxes[0];
             boxes.push([low, [high[0], high[1] + 0.4, high[2] - 0.001]]);
             boxes.push([[high[0] - 0.002, low[1], low[2]], high.map(|high| high + 0.7)]);
@@ -235,7 +235,7 @@ fn coverage_is_exact_where_bodies_overlap() {
         let options = with(unit_cells(3), |it| it.edge = EdgeRule::Area);
         let (tree, report) = build(plain(&triangles), &options);
         assert_eq!(report.inside, InsideTest::Closed);
-        // Planes of all boxes divide a cell into smaller boxes, each of which has one winding number.
+        // The planes of all boxes divide a cell into boxes with one winding number each.
         let planes: [Vec<f64>; 3] = std::array::from_fn(|axis| {
             let mut planes: Vec<f64> = boxes.iter().flatten().map(|point| point[axis]).collect();
             planes.extend((0..=8).map(f64::from));
@@ -286,7 +286,7 @@ fn coverage_of_turned_bodies_that_overlap() {
                 volume(&other) * volume(body) > 0.0
             })
         };
-        // With faces turned at random only even and odd count.
+        // With randomly oriented faces only the parity counts.
         let by_parity = round % 2 == 1;
         let mut triangles = Vec::new();
         for body in &bodies {
@@ -329,7 +329,8 @@ fn determinant(a: Point, b: Point, c: Point) -> f64 {
 
 #[test]
 fn coverage_of_foam_adds_up() {
-    // A small cube in every cell: none is without faces, so that all are divided; one in most: all follow from others.
+    // A small cube in every cell: all cells have faces and are subdivided. One in most cells: the
+    // others are inferred.
     let mut random = Random(77);
     for every in [true, false] {
         let mut triangles = Vec::new();
@@ -374,7 +375,7 @@ fn coverage_adds_up_to_the_volume() {
 
 #[test]
 fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
-    // Of a box off the grid the cells that are cut are known.
+    // The cut cells of a box off the cell grid are known.
     let (low, high) = ([3.25, 4.5, 5.0], [20.5, 9.75, 11.0]);
     let triangles = cuboid(low, high);
     let options = with(unit_cells(5), |it| it.edge = EdgeRule::Touch);
@@ -384,7 +385,7 @@ fn full_boundaries_and_surfaces_hold_every_cell_that_is_cut() {
     for (i, (full, shell)) in cells(&full).into_iter().zip(cells(&shell)).enumerate() {
         let cell = [i % 32, i / 32 % 32, i / 32 / 32].map(|x| x as f64);
         let overlaps = (0..3).all(|axis| low[axis] < cell[axis] + 1.0 && cell[axis] < high[axis]);
-        // (Faces in walls between cells belong to the cells on their inner side.)
+        // Faces in cell walls belong to the cells on their inner side.
         let inside = (0..3).all(|axis| low[axis] < cell[axis] && cell[axis] + 1.0 < high[axis]);
         assert_eq!(full.is_some(), overlaps, "{cell:?}");
         assert_eq!(shell.is_some(), overlaps && !inside, "{cell:?}");
@@ -431,13 +432,13 @@ fn flipped_faces_are_parity_and_holes_a_field() {
     assert!(report.undecided > 0);
     assert!(inside(&tree, [28, 40, 30]) && inside(&tree, [5, 6, 7]) && !inside(&tree, [60, 60, 60]));
     assert!(tree.metadata().tags["solid.surface"].starts_with("open"));
-    // Turned inside out it is the same, and with faces there twice.
+    // Inside out, and with duplicated faces, the result is the same.
     triangles.iter_mut().for_each(|triangle| triangle.swap(0, 1));
     triangles.push(triangles[2]);
     let (turned, report) = build(plain(&triangles), &unit_cells(6));
     assert_eq!((report.inside, report.duplicates), (InsideTest::Open, 1));
     assert!(cells(&turned) == cells(&tree));
-    // As far as cells lie inside, away from the hole.
+    // For interior cells away from the hole.
     let options = with(unit_cells(6), |it| it.edge = EdgeRule::Area);
     let shifted: Vec<Triangle> =
         triangles.iter().map(|corners| corners.map(|at| at.map(|x| x + 0.25))).collect();
@@ -493,11 +494,11 @@ fn operations_on_solids_are_those_on_their_cells() {
         }
         assert!(checked > 20_000, "{checked}");
     }
-    // Both meshes as one model are their union.
+    // Both meshes as one model give their union.
     let (both, _) = build(plain(&meshes.concat()), &unit_cells(6));
     let operation = CombineOperation::set(SetOperation::Union);
     let combined = combined(views.to_vec(), operation, [64; 3]);
-    // (Winding numbers of bodies turned against each other cancel, which is no union.)
+    // Winding numbers of oppositely oriented solids cancel, which is not a union.
     let same = cells(&both).into_iter().zip(cells(&combined)).filter(|(a, b)| a == b).count();
     assert!(same > 250_000, "{same}");
 }

@@ -1,4 +1,4 @@
-//! Pictures written and read back, damaged files, and conformance files of other programs.
+//! Images written and read back, corrupt files, and conformance files of other programs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ fn spec(width: u64, height: u64, sample: SampleType, channels: u8) -> ImageSpec 
     }
 }
 
-/// Samples of all magnitudes; floats are whole numbers, so that none is NaN.
+/// Returns samples of all magnitudes; floats are integers, so that none is NaN.
 fn samples(spec: &ImageSpec) -> Vec<u8> {
     let count = spec.width * spec.height * u64::from(spec.value.channels);
     let number = |i: u64| (i.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as u32;
@@ -35,7 +35,7 @@ fn samples(spec: &ImageSpec) -> Vec<u8> {
     (0..count).flat_map(bytes).collect()
 }
 
-/// Writes a picture in bands of unequal heights.
+/// Writes an image in bands of unequal heights.
 fn write(path: &Path, format: Format, spec: &ImageSpec, bytes: &[u8], valid: Option<&[bool]>) -> Result<()> {
     let mut writer = create(Output::create(path)?, format, spec)?;
     let (width, pixel) = (spec.width as usize, spec.value.size());
@@ -50,7 +50,7 @@ fn write(path: &Path, format: Format, spec: &ImageSpec, bytes: &[u8], valid: Opt
     writer.finish()
 }
 
-/// Reads a picture in bands of unequal heights.
+/// Reads an image in bands of unequal heights.
 fn read(path: &Path, options: &RasterOptions) -> Result<(RasterInfo, Pixels)> {
     let mut raster = open(path, options)?;
     let info = raster.info().clone();
@@ -165,7 +165,7 @@ fn png_palette_keeps_colours_and_void() {
     assert!(pixels.valid.unwrap().iter().all(|valid| *valid));
 
     spec.void = true;
-    // No number is left for VOID: colours instead.
+    // No value is free for VOID: colours instead.
     write(&path, Format::Png, &spec, &[0, 3, 1, 2], Some(&[true, false, true, true])).unwrap();
     let (info, pixels) = read(&path, &RasterOptions::default()).unwrap();
     assert_eq!((info.channels, info.alpha, info.palette.is_none()), (4, Some(3), true));
@@ -254,8 +254,9 @@ fn interlaced_pngs_need_memory() {
     assert!(matches!(open(&fixture("adam7.png"), &little), Err(Error::TooLarge { .. })));
 }
 
-/// libjpeg-turbo's picture of `chroma.jpg`, which has one sample of chroma for 2 x 2 of luma: parts of a row and of a
-/// column, across edges of colour. Chroma of the nearest sample would be off by more than 50 there.
+/// libjpeg-turbo's decoding of `chroma.jpg`, which has one chroma sample per 2 x 2 luma samples:
+/// ranges of a row and of a column, across colour edges. Nearest-neighbour chroma would be off by
+/// more than 50 there.
 #[test]
 fn subsampled_chroma_is_brought_to_size_by_a_triangle_filter() {
     const ROW: [[u8; 3]; 7] = [
@@ -314,7 +315,7 @@ fn jpeg_and_webp() {
         }
         let little = with(RasterOptions::new(), |it| it.memory = 219);
         assert!(matches!(open(&fixture(name), &little), Err(Error::TooLarge { .. })), "{name}");
-        // Any part at any time.
+        // Any region in any order.
         let mut raster = open(&fixture(name), &RasterOptions::default()).unwrap();
         let mut part = Pixels::default();
         raster.read(Region::new(3, 4, 2, 1), &mut part).unwrap();
@@ -334,7 +335,7 @@ fn world_files_place_pictures() {
     }
 }
 
-/// Far from the equator, steps along parallels are longer.
+/// Far from the equator, the spacing along parallels is larger.
 #[test]
 fn hgt_tiles_of_other_sizes() {
     let folder = tempfile::tempdir().unwrap();
@@ -389,7 +390,7 @@ fn what_is_no_raster_is_refused() {
     assert!(matches!(open(&path, &options), Err(Error::Unsupported { .. })));
 }
 
-/// Small files of all formats.
+/// Writes small files of all formats.
 fn small_files(folder: &Path) -> Vec<PathBuf> {
     let mut spec = spec(9, 35, SampleType::F32, 3);
     write(&folder.join("a.exr"), Format::Exr, &spec, &samples(&spec), None).unwrap();
@@ -409,7 +410,7 @@ fn truncated_files_are_errors() {
     let options = with(RasterOptions::new(), |it| it.memory = 1 << 20);
     for file in small_files(folder.path()) {
         let bytes = fs::read(&file).unwrap();
-        // Everywhere in the headers and at the end, in places between.
+        // Every length in the headers and at the end, a sample in between.
         let (start, end) = (300, bytes.len().saturating_sub(100));
         for length in (0..bytes.len()).filter(|cut| *cut < start || *cut > end || cut % 7 == 0) {
             fs::write(&path, &bytes[..length]).unwrap();
@@ -434,12 +435,12 @@ fn altered_files_do_no_harm() {
         for _ in 0..250 {
             let mut altered = bytes.clone();
             for _ in 0..=random(3) {
-                // Headers matter most.
+                // Headers are the most sensitive.
                 let reach = if random(2) == 0 { bytes.len() } else { bytes.len().min(400) };
                 altered[random(reach)] ^= 1 << random(8);
             }
             fs::write(&path, &altered).unwrap();
-            // Whether it is still a picture, only the format can tell; but it is answered.
+            // Only the format determines whether it is still an image, but reading ends.
             let size = open(&path, &options).map(|raster| raster.info().width * raster.info().height);
             if size.is_ok_and(|size| size < 1 << 22) {
                 let _ = read(&path, &options);
@@ -460,7 +461,7 @@ fn exr_conformance_files() {
             Ok((info, pixels)) => {
                 let bytes = info.width * info.height * (info.sample.size() * info.channels) as u64;
                 assert_eq!(pixels.bytes.len() as u64, bytes, "{}", file.display());
-                // A part in the middle is the same, whatever the blocks.
+                // A region in the middle is the same, whatever the blocks are.
                 let part = Region::new(info.width / 3, info.height / 3, info.width / 2, info.height / 2);
                 let mut alone = Pixels::default();
                 open(&file, &RasterOptions::default()).unwrap().read(part, &mut alone).unwrap();

@@ -18,7 +18,7 @@ use spinney::{
 
 use crate::common::Random;
 
-/// A picture of classes of two bytes.
+/// An image of two-byte classes.
 struct Classes {
     size: [u64; 2],
     cells: Vec<u16>,
@@ -37,7 +37,7 @@ impl Slabs for Classes {
     }
 }
 
-/// A tree of classes, of which 0 is VOID.
+/// Writes a tree of classes, of which 0 is VOID.
 fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U16, 1));
     let depth = spinney::raw::store::depth_for([size[0], size[1], 1]).max(1);
@@ -49,13 +49,13 @@ fn tree(path: &Path, size: [u64; 2], cells: Vec<u16>, frame: Frame) -> Dataset {
     spinney::open(path).unwrap()
 }
 
-/// Fails unless the polygons of a level of a tree are the cells of that level, read as features again.
+/// Checks that a tree level's polygons, read as features, give the level's cells.
 fn comes_back(folder: &Path, map: &Dataset, level: u8) {
     comes_back_by(folder, map, level, false);
     comes_back_by(folder, map, level, true);
 }
 
-/// The same, of cells that hang together by edges, or across corners.
+/// The same for regions connected by edges, or also across corners.
 fn comes_back_by(folder: &Path, map: &Dataset, level: u8, across_corners: bool) {
     let (path, again) = (folder.join("regions.geojson"), folder.join("again.goblin"));
     let mut request = PolygonRequest::new();
@@ -157,7 +157,7 @@ fn random_maps_become_polygons_and_the_same_cells_again() {
     let folder = tempfile::tempdir().unwrap();
     let mut random = Random(11);
     for round in 0..16 {
-        // (Some reach over several tiles; patches of a few sizes, of few and of many classes.)
+        // Some span several tiles; patches of a few sizes, with few and with many classes.
         let size = [[37, 21], [280, 60], [513, 20], [64, 64]][round % 4];
         let [patch, classes] = [[1, 2], [3, 4], [17, 900], [40, 3]][round / 4 % 4];
         let across = size[0] / patch + 1;
@@ -166,7 +166,7 @@ fn random_maps_become_polygons_and_the_same_cells_again() {
         let cells = (0..size[0] * size[1])
             .map(|at| patches[(at / size[0] / patch * across + at % size[0] / patch) as usize])
             .collect();
-        // (In the plane, upside down, and turned.)
+        // Planar, upside down, and rotated.
         let matrix = [
             [1.0, 0.0, 0.0, 0.0, -1.0, 600.0],
             [2.0, 0.0, 9.0, 0.0, 2.0, 3.0],
@@ -192,7 +192,7 @@ fn classes_are_chosen_and_what_has_no_regions_is_refused() {
         export_polygons(&map, &request, Output::create(&path).unwrap(), VectorFormat::Csv, &()).unwrap();
     assert_eq!(made.cells, cells);
     assert_eq!(fs::read_to_string(&path).unwrap().lines().count() as u64, made.count + 1);
-    // Classes of 64 bits lose nothing.
+    // 64-bit classes are exact.
     let wide = [9_007_199_254_740_993u64, 9_007_199_254_740_992, u64::MAX, 1];
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U64, 1));
     let cell = |at: [u32; 3]| Some(Value::from([wide[(at[0] + 2 * at[1]) as usize]]));

@@ -10,7 +10,7 @@ use spinney::{Crs, DataKind, Error, Region, Result, SampleType};
 
 use crate::common::with;
 
-/// Files that GDAL reads and we refuse, and why.
+/// Files that GDAL reads and Spinney rejects, and why.
 const REFUSED: [(&str, &str); 16] = [
     ("image_tiff/big_g4.tif", "the fax decoder takes at most 65535 rows of a strip"),
     ("image_tiff/logluv-3c-16b.tiff", "SGI LogLuv"),
@@ -33,7 +33,7 @@ const REFUSED: [(&str, &str); 16] = [
     ("gdal_gcore/zackthecat.tif", "old-style JPEG"),
 ];
 
-/// Files whose coordinate system has other numbers for us, and why.
+/// Files for which Spinney reports another EPSG code than GDAL, and why.
 const OTHER_EPSG: [(&str, Option<Epsg>, &str); 6] = [
     (
         "gdal_gcore/epsg26711_3855_geotiff1_1.tif",
@@ -66,7 +66,7 @@ fn data() -> Option<PathBuf> {
     Some(folder)
 }
 
-/// One line of the table of what GDAL reads.
+/// One line of the table of GDAL's results.
 struct Expected<'a> {
     file: &'a str,
     size: [u64; 2],
@@ -99,7 +99,7 @@ impl Expected<'_> {
     }
 }
 
-/// All samples of a raster, read by regions of at most this size.
+/// Returns all samples of a raster, read by regions of at most this size.
 fn read_by(raster: &mut dyn Raster, [width, height]: [u64; 2]) -> Result<Vec<u8>> {
     let info = raster.info().clone();
     let pixel = info.sample.size() * info.channels;
@@ -119,7 +119,8 @@ fn read_by(raster: &mut dyn Raster, [width, height]: [u64; 2]) -> Result<Vec<u8>
     Ok(all)
 }
 
-/// The first 16 hexadecimal digits of the hash of all samples: band after band, in GDAL's type.
+/// Returns the first 16 hexadecimal digits of the hash of all samples: band by band, in GDAL's
+/// type.
 fn hash(info: &RasterInfo, bytes: &[u8]) -> String {
     let size = info.sample.size();
     let mut hasher = Sha256::new();
@@ -134,7 +135,7 @@ fn close(a: f64, b: f64) -> bool {
     a == b || a.is_nan() && b.is_nan() || (a - b).abs() <= 1e-11 * a.abs().max(b.abs())
 }
 
-/// What is different from the expected, if anything.
+/// Lists differences from the expected result.
 fn differences(expected: &Expected<'_>, path: &Path) -> Result<Vec<String>> {
     let mut raster = raster::open(path, &RasterOptions::default())?;
     let info = raster.info().clone();
@@ -165,14 +166,14 @@ fn differences(expected: &Expected<'_>, path: &Path) -> Result<Vec<String>> {
     check("transform", affine.iter().zip(transform).all(|(a, b)| close(*a, b)), format!("{affine:?}"));
     let bands = read_by(&mut *raster, [info.width, 50])?;
     if info.layout.contains("jpeg") {
-        // Decoders may differ in rounding and in how they spread chroma, so that samples are not the same.
+        // Decoders may differ in rounding and chroma upsampling, so samples are not equal.
         let first: Vec<_> = bands.iter().step_by(info.channels).map(|sample| f64::from(*sample)).collect();
         let mean = first.iter().sum::<f64>() / first.len() as f64;
         check("mean", (mean - expected.mean).abs() < 0.5, format!("{mean} for {}", expected.mean));
     } else {
         check("samples", hash(&info, &bands) == expected.hash, "another hash".into());
     }
-    // Windows that no chunk fits, small enough to come back to most chunks.
+    // Windows not aligned to chunks, small enough to revisit most chunks.
     let step = |length: u64| if length > 300 { 277 } else { 13 };
     let odd = read_by(&mut *raster, [step(info.width), step(info.height)])?;
     check("odd regions", odd == bands, "other samples".into());
@@ -191,7 +192,7 @@ fn files_read_as_gdal_reads_them() {
         }
         let path = folder.join(file);
         let Some(expected) = Expected::parse(line) else {
-            // GDAL gives up on these, or they are too large: what matters is that we come to an end.
+            // GDAL fails for these, or they are too large: they must only terminate.
             let read = raster::open(&path, &RasterOptions::default()).and_then(|mut raster| {
                 let info = raster.info().clone();
                 let region = Region::new(0, 0, info.width.min(2000), info.height.min(2000));
@@ -214,7 +215,7 @@ fn files_read_as_gdal_reads_them() {
     assert_eq!(refused, REFUSED.map(|(file, _)| file));
 }
 
-/// Opens a file made by hand and reads it all.
+/// Opens a crafted file and reads it completely.
 fn whole(bytes: &[u8], memory: u64) -> Result<(RasterInfo, Pixels)> {
     let file = on_disk(bytes);
     let mut raster = raster::open(file.path(), &with(RasterOptions::new(), |it| it.memory = memory))?;
@@ -298,7 +299,7 @@ fn gdal_metadata_name_bands_and_classes() {
         </GDALRasterAttributeTable></GDALMetadata>";
     let image = Ifd::grey(1, 1, vec![1, 2]).short(277, &[2]).tag(42112, Values::Text(xml));
     let (info, _) = whole(&file(&[image.short(338, &[2])]), MEMORY).unwrap();
-    // (GDAL escapes values twice.)
+    // GDAL escapes values twice.
     assert_eq!(info.band_names, ["", "near < infrared"]);
     assert_eq!(info.scale_offset, [(0.5, -3.0), (1.0, 0.0)]);
     assert_eq!(info.class_names, [(11.into(), "Open water".into()), (12.into(), "".into())]);
@@ -334,7 +335,7 @@ fn large_plain_strips_need_little_memory() {
     let strips = [strip[..600 * 4000].to_vec(), strip[600 * 4000..].to_vec()];
     let two = Ifd::grey(4000, 1000, vec![]).short(278, &[600]).chunks(&strips);
     assert_eq!(whole(&file(&[two]), MEMORY).unwrap().1.bytes, strip);
-    // A compressed strip has to be decoded at once.
+    // A compressed strip has to be decoded as a whole.
     let error = whole(&file(&[Ifd::grey(4000, 1000, strip).short(259, &[8])]), MEMORY).unwrap_err();
     assert!(matches!(error, Error::TooLarge { needed: 4_000_000, .. }), "{error}");
     assert!(error.to_string().contains("--memory"));
@@ -344,7 +345,7 @@ fn large_plain_strips_need_little_memory() {
 fn missing_data_are_an_error_that_names_the_place() {
     let image = Ifd::grey(4, 4, vec![]).short(278, &[2]);
     let mut bytes = file(&[image.chunks(&[vec![1; 8], vec![2; 8]])]);
-    // The second strip's place in the table, which is the first value out of line.
+    // The second strip's offset in the table, which is the first out-of-line value.
     bytes[8 + 16 + 4..8 + 16 + 8].copy_from_slice(&1000u32.to_le_bytes());
     let file = on_disk(&bytes);
     let mut raster = raster::open(file.path(), &RasterOptions::default()).unwrap();

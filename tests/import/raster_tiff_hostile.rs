@@ -1,4 +1,4 @@
-//! Damaged TIFF files: an error or other pixels, but never a panic, a hang, or memory without bound.
+//! Corrupt TIFF files: an error or other pixels, but never a panic, a hang, or unbounded memory.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use spinney::{Region, Result};
 
 use crate::common::with;
 
-/// Opens and reads what may be anything.
+/// Opens and reads arbitrary bytes.
 fn read(bytes: &[u8]) -> Result<Pixels> {
     let file = on_disk(bytes);
     let options = with(RasterOptions::new(), |it| it.memory = 4 << 20);
@@ -24,7 +24,7 @@ fn read(bytes: &[u8]) -> Result<Pixels> {
     Ok(pixels)
 }
 
-/// Files that use much of the format, in few bytes.
+/// Small files that use many features of the format.
 fn seeds() -> Vec<Vec<u8>> {
     let deflated = |bytes: &[u8]| {
         let mut encoder = flate2::write::ZlibEncoder::new(Vec::new(), flate2::Compression::default());
@@ -75,7 +75,7 @@ fn files_cut_at_any_byte() {
     }
 }
 
-/// Numbers that only look random.
+/// Pseudorandom numbers.
 struct Random(u64);
 
 impl Random {
@@ -87,7 +87,7 @@ impl Random {
     }
 }
 
-/// Reads a file with some of its bits turned, many times.
+/// Reads a file with some of its bits flipped, many times.
 fn flip(seed: &[u8], times: usize) {
     let mut random = Random(0x9e37_79b9_7f4a_7c15);
     for _ in 0..times {
@@ -144,7 +144,7 @@ fn numbers_without_bound() {
             let _ = read(&long(tag, value));
         }
     }
-    // 2^31 tiles of a pixel each, in a file of some hundred bytes.
+    // 2^31 tiles of a pixel each, in a file of a few hundred bytes.
     let size = |tag, value| (tag, Values::Long(vec![value]));
     let tiles = [size(256, 1 << 16), size(257, 1 << 15), size(322, 1), size(323, 1)];
     let many = tiles.into_iter().fold(Ifd::grey(1, 1, vec![0]), |ifd, (tag, values)| ifd.tag(tag, values));

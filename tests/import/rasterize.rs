@@ -1,4 +1,4 @@
-//! Quadtrees of features: values, overlaps, edges, grids, and what is refused.
+//! Quadtrees rasterized from features: values, overlaps, edges, grids, and rejected inputs.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use spinney::raw::import::rasterize::{FeatureGrid, Overlaps};
 use spinney::raw::ops::WarpGrid;
 use spinney::{Crs, DataKind, Dataset, Frame, Number, Output, SampleType};
 
-/// A feature of GeoJSON.
+/// Returns a GeoJSON feature.
 fn feature(properties: &str, geometry: &str) -> String {
     format!(r#"{{"type":"Feature","properties":{properties},"geometry":{geometry}}}"#)
 }
@@ -19,12 +19,12 @@ fn polygon(rings: &str) -> String {
     format!(r#"{{"type":"Polygon","coordinates":{rings}}}"#)
 }
 
-/// A square of a polygon's ring, from one corner to another.
+/// Returns a square polygon ring, given two opposite corners.
 fn square(x: f64, y: f64, end_x: f64, end_y: f64) -> String {
     polygon(&format!("[[[{x},{y}],[{end_x},{y}],[{end_x},{end_y}],[{x},{end_y}],[{x},{y}]]]"))
 }
 
-/// A file of features in metres.
+/// Writes a file of features in metres.
 fn document(folder: &Path, features: &[String]) -> PathBuf {
     let path = folder.join("features.geojson");
     let crs = r#"{"type":"name","properties":{"name":"urn:ogc:def:crs:EPSG::32633"}}"#;
@@ -34,7 +34,7 @@ fn document(folder: &Path, features: &[String]) -> PathBuf {
     path
 }
 
-/// Ten by ten cells of a metre.
+/// Options for ten by ten cells of a metre.
 fn metres() -> RasterizeOptions {
     let frame = Frame { crs: Some(Crs::epsg(32633)), ..Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 10.0]) };
     let mut options = RasterizeOptions::new(FeatureGrid::Like(WarpGrid { frame, extent: [10, 10, 1] }));
@@ -42,7 +42,7 @@ fn metres() -> RasterizeOptions {
     options
 }
 
-/// Options of which some are others.
+/// Returns options with a change.
 fn changed(mut options: RasterizeOptions, change: impl FnOnce(&mut RasterizeOptions)) -> RasterizeOptions {
     change(&mut options);
     options
@@ -59,7 +59,7 @@ fn built(path: &Path, options: &RasterizeOptions) -> Dataset {
     tree
 }
 
-/// The value of each cell, row by row; `None` is VOID.
+/// Returns the value of each cell, row by row; `None` is VOID.
 fn cells(tree: &Dataset) -> Vec<Vec<Option<f64>>> {
     let [width, height, _] = tree.header().extent;
     let cell = |x: u64, y: u64| {
@@ -97,7 +97,7 @@ fn overlaps_are_what_is_asked_for() {
         assert_eq!(tree.header().form.value.sample, sample);
         for (row, cells) in cells(&tree).into_iter().enumerate() {
             for (x, found) in cells.into_iter().enumerate() {
-                // (Row 0 is the northern one.)
+                // Row 0 is the northernmost.
                 let y = 9 - row;
                 let here = squares
                     .iter()
@@ -142,13 +142,14 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
     let names: Vec<_> =
         tree.metadata().class_names.iter().map(|(class, name)| (class.to_f64(), &name[..])).collect();
     assert_eq!(names, [(1.0, "lake"), (2.0, "wood")]);
-    // Each class has a colour, whatever else there is.
+    // A class's colour does not depend on the other classes.
     let colours = &tree.metadata().palette.as_ref().unwrap().colours;
     assert_eq!(colours[..], [[0; 4], [0, 114, 178, 255], [230, 159, 0, 255]]);
     assert_eq!(tree.header().kind, DataKind::Categorical);
     let classes = tree.statistics(None, &()).unwrap().classes;
     assert_eq!(classes, [(1.into(), 16), (2.into(), 16)]);
-    // The type of numbers does not depend on which there are, but for those beyond 32 bits; numbers beside texts are refused.
+    // The sample type does not depend on which numbers occur, except for those beyond 32 bits.
+    // Numbers mixed with strings are rejected.
     for (values, sample) in [
         (["1", "255"], SampleType::I32),
         (["1", "2147483647"], SampleType::I32),
@@ -181,7 +182,7 @@ fn texts_are_classes_and_what_is_left_out_is_told() {
 #[test]
 fn edges_count_by_centre_touch_and_share() {
     let folder = tempfile::tempdir().unwrap();
-    // Columns 2 to 5 whole, a quarter of column 1, three quarters of column 6.
+    // Columns 2 to 5 completely, a quarter of column 1, three quarters of column 6.
     let features = [feature(r#"{"v":3}"#, &square(1.75, 0.0, 6.75, 10.0))];
     let path = document(folder.path(), &features);
     let row = |options: RasterizeOptions| cells(&built(&path, &options)).swap_remove(4);
@@ -201,7 +202,8 @@ fn edges_count_by_centre_touch_and_share() {
     }));
     let expected = [0.0, 0.25, 1.0, 1.0, 1.0, 1.0, 0.75, 0.0, 0.0, 0.0];
     assert!(shares.iter().zip(expected).all(|(share, expected)| *share == Some(expected)), "{shares:?}");
-    // Three features in a cell: together the two of a value have more of it than the third, and than nothing has.
+    // Three features in a cell: the two with equal values together cover more of it than the third,
+    // and more than is uncovered.
     let features = [
         feature(r#"{"v":1}"#, &square(0.0, 0.0, 0.3, 1.0)),
         feature(r#"{"v":2}"#, &square(0.3, 0.0, 0.7, 1.0)),
@@ -221,7 +223,8 @@ fn edges_count_by_centre_touch_and_share() {
 #[test]
 fn features_that_overlap_share_a_cell_once() {
     let folder = tempfile::tempdir().unwrap();
-    // Two that cover the same half, two that overlap in a quarter, two next to each other, and a line over half a cell.
+    // Two that cover the same half, two that overlap in a quarter, two next to each other, and a
+    // line over half a cell.
     let features = [
         feature(r#"{"v":1}"#, &square(0.0, 0.0, 0.5, 1.0)),
         feature(r#"{"v":2}"#, &square(0.0, 0.0, 0.5, 1.0)),
@@ -245,7 +248,7 @@ fn features_that_overlap_share_a_cell_once() {
         let share = shares.last().unwrap()[column].unwrap();
         assert!((share - expected).abs() < 1e-5, "{share} in column {column}, not {expected}");
     }
-    // Of values that overlap in less than half of a cell the rest is the largest share.
+    // For values that overlap in less than half of a cell, the remainder is the largest share.
     let found = cells(&built(&path, &changed(metres(), |options| options.edge = EdgeRule::Area)));
     let row = found.last().unwrap();
     assert_eq!([0, 2, 4, 6].map(|column| row[column]), [Some(1.0), Some(1.0), Some(1.0), None]);
@@ -295,7 +298,7 @@ fn grids_are_by_width_count_and_tree() {
     let by_count = of(FeatureGrid::Cells(28));
     assert_eq!(by_count.metadata().frame.affine(), [0.5, 0.0, 503.0, 0.0, -0.5, 1009.0]);
     assert_eq!(by_count.statistics(None, &()).unwrap().channels[0].cells, 28 * 16);
-    // On the cells of a tree in another system: those whose centres lie in the square.
+    // On the cells of a tree in another coordinate system: those with centres in the square.
     let frame =
         Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([1e-6, 0.0, 10.515, 0.0, -1e-6, 0.0095]) };
     let grid = WarpGrid { frame: frame.clone(), extent: [1000, 1000, 1] };
@@ -316,7 +319,7 @@ fn grids_are_by_width_count_and_tree() {
             differ += usize::from(expected != found.is_some());
         }
     }
-    // (The sides are curves there, followed to a hundredth of a cell.)
+    // The sides are curves there, approximated to a hundredth of a cell.
     assert!(inside > 5000 && differ < 20, "{differ} of {inside}");
 }
 

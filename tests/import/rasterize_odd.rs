@@ -1,5 +1,5 @@
-//! Shapes that are odd: across the antimeridian and around a pole, turned the wrong way, with corners twice, spikes and crossings, empty, of
-//! several kinds.
+//! Odd shapes: across the antimeridian and around a pole, with reversed orientation, duplicate
+//! vertices, spikes and crossings, empty, of mixed kinds.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,7 @@ use spinney::{Crs, Dataset, Frame, Number, Output};
 
 use crate::common::Random;
 
-/// Cells that are not VOID, as column and row, of features on a grid.
+/// Returns the cells of features on a grid that are not VOID, as column and row.
 fn cells(folder: &Path, geometries: &[&str], crs: &str, grid: &WarpGrid, edge: EdgeRule) -> Vec<[u64; 2]> {
     let path = folder.join("odd.geojson");
     let feature =
@@ -103,7 +103,7 @@ fn rings_mean_the_same_whichever_way_they_turn_and_however_often_they_say_it() {
 
 #[test]
 fn what_crosses_itself_is_inside_where_it_goes_round_an_odd_number_of_times() {
-    // A bow tie, and a star of five corners, whose middle it goes round twice.
+    // A bow tie, and a five-pointed star with winding number 2 in its centre.
     let bow = in_metres(
         &[r#"{"type":"Polygon","coordinates":[[[0,0],[16,16],[16,0],[0,16],[0,0]]]}"#],
         EdgeRule::Centre,
@@ -148,12 +148,13 @@ fn empty_geometries_count_for_nothing_and_mixed_ones_for_all_of_their_parts() {
 fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
     let folder = tempfile::tempdir().unwrap();
     let lonlat = "urn:ogc:def:crs:OGC:1.3:CRS84";
-    // All of the world, in cells of 10 degrees.
+    // The whole world, in cells of 10 degrees.
     let world = |west: f64| WarpGrid {
         frame: Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([10.0, 0.0, west, 0.0, -10.0, 90.0]) },
         extent: [36, 18, 1],
     };
-    // Beyond 180 degrees, and cut in two there as RFC 7946 wants it: the same cells, also where the tree's seam lies elsewhere.
+    // Beyond 180 degrees, and cut in two there as RFC 7946 requires: the same cells, also if the
+    // tree's seam is at another meridian.
     let beyond = r#"{"type":"Polygon","coordinates":[[[160,0],[200,0],[200,20],[160,20],[160,0]]]}"#;
     let cut = r#"{"type":"MultiPolygon","coordinates":[[[[160,0],[180,0],[180,20],[160,20],[160,0]]],[[[-180,0],[-160,0],[-160,20],[-180,20],[-180,0]]]]}"#;
     for west in [-180.0, 0.0] {
@@ -164,7 +165,7 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
         let expected: Vec<u64> = if west == 0.0 { vec![16, 17, 18, 19] } else { vec![0, 1, 34, 35] };
         assert_eq!(columns.into_iter().collect::<Vec<_>>(), expected);
     }
-    // A cap of the world on a polar grid: a circle around its middle.
+    // A polar cap on a polar grid: a circle around its centre.
     let polar = WarpGrid {
         frame: Frame {
             crs: Some(Crs::epsg(3031)),
@@ -174,7 +175,7 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
     };
     let cap = r#"{"type":"Polygon","coordinates":[[[-180,-90],[180,-90],[180,-75],[-180,-75],[-180,-90]]]}"#;
     let found = cells(folder.path(), &[cap], lonlat, &polar, EdgeRule::Centre);
-    // (The circle of 75 degrees south is 1,638,783 m from the pole there.)
+    // The circle of 75 degrees south is 1,638,783 m from the pole there.
     let away = |at: u64| (at as f64 + 0.5) * 0.5 - 4.0;
     let all = (0..16u64).flat_map(|row| (0..16u64).map(move |column| [column, row]));
     let expected: Vec<[u64; 2]> =
@@ -182,12 +183,13 @@ fn the_world_has_no_edge_at_the_antimeridian_and_a_pole_is_a_place() {
     assert_eq!(found, expected);
 }
 
-/// Very many rings that touch: quadrangles between corners that are moved at random, as features and as one multipolygon, have each cell once.
+/// Very many adjacent rings: quadrangles between randomly moved vertices, as features and as one
+/// multipolygon, cover each cell once.
 #[test]
 fn rings_that_touch_have_neither_gaps_nor_cells_twice() {
     const SIDE: usize = 80;
     let mut random = Random(5);
-    // (Those along the edge stay, so that all together are a square.)
+    // Vertices along the border stay, so that all together form a square.
     let corners: Vec<[f64; 2]> = (0..=SIDE)
         .flat_map(|y| (0..=SIDE).map(move |x| [x, y]))
         .map(|at| {

@@ -1,5 +1,5 @@
-//! Operations on real rasters, cell by cell: against arrays of what their files hold, and NumPy's word where it is
-//! installed.
+//! Operations on real rasters, cell by cell: against arrays of the files' contents, and against
+//! NumPy if it is installed.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -21,7 +21,7 @@ use tempfile::TempDir;
 
 use crate::common::{Cells, made, quad, set_operation, shared_data, with};
 
-/// Samples of any type, as numbers.
+/// Samples of any type.
 type Grid = Cells;
 
 fn grid(size: [u64; 3], cells: Vec<Option<Value>>) -> Grid {
@@ -38,7 +38,7 @@ fn number(value: Value) -> f64 {
 
 const MEMORY: u64 = 64 << 20;
 
-/// A tree, what should be in it, and the number for VOID in arrays made of it.
+/// A tree, its expected contents, and the nodata value of arrays exported from it.
 struct Tree {
     file: PathBuf,
     grid: Grid,
@@ -46,7 +46,7 @@ struct Tree {
 }
 
 impl Tree {
-    /// A number that no cell has.
+    /// Returns a value that no cell has.
     fn void(&self) -> f64 {
         match self.sample {
             SampleType::U8 => 255.0,
@@ -56,13 +56,14 @@ impl Tree {
         }
     }
 
-    /// How far numbers may be apart: means of floating samples are rounded once, from sums in any order.
+    /// Returns the allowed difference: means of floating-point samples are rounded once, from sums
+    /// in any order.
     fn tolerance(&self) -> f64 {
         if self.sample.is_float() { 1e-3 } else { 0.0 }
     }
 }
 
-/// Files, and what to ask NumPy about them.
+/// Files, and checks for NumPy to repeat.
 struct Bench {
     data: PathBuf,
     folder: TempDir,
@@ -71,7 +72,7 @@ struct Bench {
 }
 
 impl Bench {
-    /// Nothing if the rasters are not there.
+    /// Returns `None` without the test rasters.
     fn new() -> Option<Bench> {
         let data = shared_data()?.join("raster");
         Some(Bench { data, folder: tempfile::tempdir().unwrap(), cases: String::new(), made: 0 })
@@ -81,7 +82,7 @@ impl Bench {
         self.folder.path().join(name)
     }
 
-    /// The tree of a raster, and what its own file holds.
+    /// Returns the tree of a raster, and the contents of its own file.
     fn build(&mut self, name: &str, options: &ImportOptions) -> Tree {
         let path = self.data.join(name);
         self.made += 1;
@@ -105,8 +106,8 @@ impl Bench {
         tree
     }
 
-    /// Compares a file's cells, by way of an array file, with what should be in it. NumPy is asked too, if there are
-    /// trees that it can make the same of.
+    /// Compares a file's cells, exported as an array, with the expected ones, and adds a NumPy
+    /// check if the operands allow it.
     fn check(
         &mut self,
         name: &str,
@@ -151,7 +152,7 @@ impl Bench {
         self.made += 1;
         let out = self.path(&format!("{}.goblin", self.made));
         let files = [a.file.clone(), b.file.clone()];
-        // (NumPy compares numbers; in the two files of land cover one colour has two of them.)
+        // NumPy compares numbers; in the two land cover files one colour has two of them.
         let reconcile = ReconcileOptions { classes: ClassMatching::Number, ..ReconcileOptions::default() };
         let options = CombineOptions { reconcile, ..CombineOptions::default() };
         spinney::combine(
@@ -165,7 +166,7 @@ impl Bench {
         Ok(out)
     }
 
-    /// Lets NumPy do all of it again.
+    /// Repeats all checks in NumPy.
     fn ask_numpy(&self) {
         let has_numpy = Command::new("python3").args(["-c", "import numpy"]).output();
         if !has_numpy.is_ok_and(|output| output.status.success()) {
@@ -206,7 +207,7 @@ fn samples(sample: SampleType, bytes: &[u8]) -> Vec<f64> {
     }
 }
 
-/// An array file of a tree, beside it.
+/// Exports a tree as an array file next to it.
 fn export(file: &Path, void: f64) -> PathBuf {
     let out = file.with_extension("npy");
     let tree = dataset::open(file, &Default::default()).unwrap();
@@ -244,7 +245,7 @@ fn read_npy(path: &Path, void: f64) -> Grid {
     grid([shape[1], shape[0], 1], cells)
 }
 
-/// What cells of the result are, by column and row of the source.
+/// Returns cells taken from the source by column and row.
 fn from(grid: &Grid, [width, height]: [u64; 2], cell: impl Fn(i64, i64) -> [i64; 2]) -> Grid {
     made(grid.form, [width, height, 1], |[x, y, _]| {
         let [x, y] = cell(x as i64, y as i64);
@@ -252,7 +253,7 @@ fn from(grid: &Grid, [width, height]: [u64; 2], cell: impl Fn(i64, i64) -> [i64;
     })
 }
 
-/// One cell of each block of `side` x `side`.
+/// Returns one cell for each block of `side` x `side`.
 fn blocks(grid: &Grid, side: u64, of: impl Fn(&[f64]) -> f64) -> Grid {
     made(grid.form, [grid.size[0].div_ceil(side), grid.size[1].div_ceil(side), 1], |[x, y, _]| {
         let cells = (0..side * side).filter_map(|i| grid.get([x * side + i % side, y * side + i / side, 0]));
@@ -261,7 +262,8 @@ fn blocks(grid: &Grid, side: u64, of: impl Fn(&[f64]) -> f64) -> Grid {
     })
 }
 
-/// The most frequent value of some cells; of several the first of `deciding` that is one of them, or what a hash says.
+/// Returns the most frequent value of some cells. Ties are decided by the first of `deciding` that
+/// is tied, else by a hash.
 fn majority(values: &[f64], deciding: &[f64]) -> f64 {
     let mut counts: BTreeMap<i64, u64> = BTreeMap::new();
     values.iter().for_each(|value| *counts.entry(*value as i64).or_default() += 1);
@@ -278,8 +280,8 @@ fn majority(values: &[f64], deciding: &[f64]) -> f64 {
     tied[(hash % tied.len() as u64) as usize] as f64
 }
 
-/// The most frequent value of each block of `side` x `side`: of several, the children of a node decide, or the first cell where
-/// blocks are no nodes.
+/// Returns the most frequent value of each block of `side` x `side`. Ties are decided by a node's
+/// children, or by the first cell if blocks are not nodes.
 fn majorities(grid: &Grid, side: u64) -> Grid {
     if side != 4 {
         return blocks(grid, side, |values| majority(values, values));
@@ -296,7 +298,7 @@ fn majorities(grid: &Grid, side: u64) -> Grid {
     })
 }
 
-/// Windows, symmetries and scalings of one raster.
+/// Checks windows, symmetries and scalings of one raster.
 fn one_raster(name: &str, kind: DataKind) {
     let Some(mut bench) = Bench::new() else { return };
     let tree = bench.build(name, &with(ImportOptions::new(), |it| it.kind = Some(kind)));
@@ -320,7 +322,7 @@ fn one_raster(name: &str, kind: DataKind) {
         &format!("box(a, -7, -3, {}, {})", part[0], part[1]),
         from(grid, part, |x, y| [x - 7, y - 3]),
     );
-    // Rows go down: NumPy turns the other way.
+    // Rows go down: NumPy rotates in the opposite direction.
     check("rotate=90", "np.rot90(a, -1)", from(grid, across, |x, y| [y, h - 1 - x]));
     check("rotate=-90", "np.rot90(a)", from(grid, across, |x, y| [w - 1 - y, x]));
     check("rotate=180", "np.rot90(a, 2)", from(grid, same, |x, y| [w - 1 - x, h - 1 - y]));
@@ -369,7 +371,7 @@ fn floating_elevations() {
     one_raster("georust_gdal/dem-hills.tiff", DataKind::Continuous);
 }
 
-/// All operations on two rasters over the same cells.
+/// Checks all operations on two rasters over the same cells.
 fn two_rasters(bench: &mut Bench, name: &str, a: &Tree, b: &Tree, limits: [f64; 2]) {
     type Cell = Option<Value>;
     type Join<'a> = Box<dyn Fn(Cell, Cell) -> Cell + 'a>;
@@ -436,7 +438,7 @@ fn elevations_beside_themselves() {
     ] {
         let Some(mut bench) = Bench::new() else { return };
         let a = bench.build(name, &ImportOptions::default());
-        // Off the borders of nodes, with room on the far sides.
+        // Not aligned to nodes, with margins on the far sides.
         let file = bench.transform(&a, "translate=13,6", true);
         let size = [a.grid.size[0] + 13, a.grid.size[1] + 6];
         let b = Tree { file, grid: from(&a.grid, size, |x, y| [x - 13, y - 6]), sample: a.sample };

@@ -1,4 +1,4 @@
-//! Places and coordinate systems from files beside a picture, and from ground control points.
+//! Frames and coordinate systems from sidecar files, and from ground control points.
 
 use std::fs;
 use std::path::Path;
@@ -32,14 +32,15 @@ fn files_beside_pictures_place_them() {
         let path = folder.path().join(name);
         fs::write(&path, bytes).unwrap();
         assert_eq!(info(&path).unwrap().frame, Frame::identity());
-        // A definition without a place says nothing: it may be of another file of that name.
+        // A coordinate system without a frame is ignored: it may belong to another file of that
+        // name.
         let definition = folder.path().join("a.prj");
         fs::write(&definition, format!("\u{feff}{LOCAL}\n")).unwrap();
         assert_eq!(info(&path).unwrap().frame, Frame::identity());
         let world = folder.path().join(if name == "a.tif" { "a.tfw" } else { "a.pgw" });
         fs::write(&world, "2\n0\n0\n-2\n101\n199\n").unwrap();
         assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
-        // GDAL's file comes first, and has both.
+        // GDAL's file takes precedence, and has both.
         let beside = folder.path().join(format!("{name}.aux.xml"));
         let xml = format!(
             "<PAMDataset>\n  <SRS dataAxisToSRSAxisMapping=\"1,2\">EPSG:2056</SRS>\n  {TRANSFORM}\n</PAMDataset>"
@@ -49,7 +50,7 @@ fn files_beside_pictures_place_them() {
         fs::remove_file(&world).unwrap();
         fs::write(&beside, xml.replace("EPSG:2056", ESCAPED)).unwrap();
         assert_eq!(info(&path).unwrap().frame, placed(local.clone()));
-        // What is damaged is an error that says where.
+        // Corrupt sidecars are errors with their position.
         for (from, to) in
             [("EPSG:2056", "Projection UTM"), ("EPSG:2056", "PROJCS["), ("-2.0", "0.0"), ("-2.0", "x")]
         {
@@ -64,7 +65,7 @@ fn files_beside_pictures_place_them() {
         assert!(error.contains("a.prj") && error.contains("--crs"), "{error}");
         fs::remove_file(&world).unwrap();
     }
-    // What the picture tells itself comes before all of it.
+    // The image's own metadata takes precedence over all of these.
     let path = folder.path().join("a.tif");
     let keys = [[1, 1, 0, 2], [1024, 0, 1, 1], [3072, 0, 1, 32628]];
     let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]).short(34735, keys.as_flattened());
@@ -85,7 +86,7 @@ fn ground_control_points_do_not_lose_their_system() {
     let path = folder.path().join("a.tif");
     fs::write(&path, file(&[ifd.tag(33922, Values::Double(points.concat()))])).unwrap();
     let info = info(&path).unwrap();
-    // The picture's own cells are in no system.
+    // The image's own cells have no coordinate system.
     assert_eq!(info.frame, Frame::identity());
     let control = info.control_points.unwrap();
     assert_eq!((control.crs, control.points.len()), (Some(Crs::epsg(4258)), 3));
@@ -95,7 +96,7 @@ fn ground_control_points_do_not_lose_their_system() {
 fn hostile_keys_are_no_harm() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.tif");
-    // Counts and indices beyond the end, tags that are not there, and a directory that is cut short.
+    // Counts and indices beyond the end, missing tags, and a truncated directory.
     let tables: [&[u16]; 5] = [
         &[1, 1, 0, 65535, 1024, 0, 1, 1, 3072, 0, 1, 2056],
         &[1, 1, 0, 2, 2057, 34736, 65535, 65535, 1026, 34737, 65535, 65535],

@@ -1,4 +1,4 @@
-//! Plans of stacks: which layers files make, and what is in them.
+//! Plans of stacks: the layers that files become, and their contents.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use spinney::{DataKind, Number, Output, Resampling, SampleType};
 use crate::common::tiff_file::{Ifd, Values, file};
 use crate::common::{Random, with};
 
-/// A folder of pictures.
+/// A directory of images.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -32,7 +32,7 @@ impl Place {
         with(StackOptions::new(), change)
     }
 
-    /// The cells of a layer: nothing where they are VOID by flags.
+    /// Returns the cells of a layer; `None` if they are VOID by flags.
     fn cells(&self, layer: &StackLayer) -> Vec<Option<Vec<u8>>> {
         let mut slabs = layer.slabs(self.0.path(), 1 << 24, &()).unwrap();
         assert_eq!(slabs.extent(), layer.extent);
@@ -54,12 +54,12 @@ impl Place {
     }
 }
 
-/// Cells of bytes.
+/// Returns cells of bytes.
 fn bytes(cells: Vec<Option<Vec<u8>>>) -> Vec<u8> {
     cells.into_iter().flat_map(|cell| cell.unwrap()).collect()
 }
 
-/// Places a picture: its corner, and the width of its pixels.
+/// Georeferences an image by its corner and pixel width.
 fn placed(ifd: Ifd, corner: [f64; 2], width: f64) -> Ifd {
     let keys = [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32632];
     ifd.tag(33550, Values::Double(vec![width, width, 0.0]))
@@ -87,7 +87,7 @@ fn resolutions_are_levels_and_repetitions() {
     let mut random = Random(5);
     let mut inputs = Vec::new();
     let mut pixels = Vec::new();
-    // (Widths of pixels, levels less, cells that each becomes.)
+    // Pixel widths, levels above the finest, and cells per pixel.
     let cases = [("B02", 10, 0, 1), ("B05", 20, 1, 1), ("B01", 60, 1, 3), ("B10", 50, 0, 5), ("W", 80, 3, 1)];
     for (name, width, ..) in cases {
         let side = 1200 / width;
@@ -110,7 +110,7 @@ fn resolutions_are_levels_and_repetitions() {
             .map(|i| pixels[(i / wide / repeat) as usize * side + (i % wide / repeat) as usize]);
         assert!(bytes(place.cells(layer)).into_iter().eq(expected), "{}", layer.name);
     }
-    // Times are those of layers, or of files.
+    // Times apply to layers, or to files.
     let day = |day: usize| format!("2024-05-{day:02}");
     let with_times = |times: Vec<String>| {
         let mut options = StackOptions::new();
@@ -128,7 +128,7 @@ fn resolutions_are_levels_and_repetitions() {
     }
     let lines: Vec<_> = stack.description().iter().filter(|(heading, _)| *heading == "layer").collect();
     assert!(lines[2].1.contains("6 times as wide: 3 x 3 cells each"), "{lines:?}");
-    // Whoever comes from the top down alone is repeated, too.
+    // Sources that only read from top to bottom are repeated, too.
     let path = place.0.path().join("P.png");
     let mut encoder = png::Encoder::new(fs::File::create(&path).unwrap(), 200, 300);
     encoder.set_color(png::ColorType::Grayscale);
@@ -154,7 +154,7 @@ fn grids_that_do_not_fit_are_refused() {
             .map(|stack| (stack.layers[0].coarser, stack.layers[0].repeat))
     };
     let [x, y] = CORNER;
-    // A thousandth of a cell is noise; another extent is none of anybody's business.
+    // A thousandth of a cell is tolerated; other extents are allowed.
     assert_eq!(with_first("near.tif", placed(grey(15), [x + 0.01, y], 20.0)).unwrap(), (1, 1));
     assert_eq!(with_first("small.tif", placed(grey(3), CORNER, 10.0)).unwrap(), (0, 1));
     for (name, corner, width) in [
@@ -174,7 +174,7 @@ fn grids_that_do_not_fit_are_refused() {
         placed(grey(15), CORNER, 20.0).short(34735, &[1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32633]);
     assert!(with_first("zone.tif", elsewhere).unwrap_err().to_string().contains("EPSG:32633"));
     assert!(with_first("nowhere.tif", grey(15)).unwrap_err().to_string().contains("nowhere.tif"));
-    // Without a place, sizes have to agree.
+    // Without georeferencing, sizes have to agree.
     let [a, b, c] =
         [("a.tif", 9), ("b.tif", 9), ("c.tif", 18)].map(|(name, side)| place.write(name, &[grey(side)]));
     assert_eq!(plan_stack(&[a.clone(), b], &options).unwrap().extent, [9, 9, 1]);
@@ -254,7 +254,7 @@ fn layers_have_what_is_told_of_their_bands() {
     );
     assert!(classes.metadata.palette.is_some() && classes.metadata.class_names.len() == 1);
     assert!(red.metadata.palette.is_none() && red.metadata.class_names.is_empty());
-    // Bands by name, in another order, with other numbers and names.
+    // Bands by name, in another order, with other nodata values and names.
     let options = place.options(|it| {
         it.import.bands = Some(vec![Band::Name("B08".into()), Band::Number(1)]);
         it.import.nodata = Some(1.into());
@@ -264,7 +264,7 @@ fn layers_have_what_is_told_of_their_bands() {
     assert_eq!(names(&stack), ["x", "y"]);
     assert_eq!(stack.layers[0].nodata, Some(1.into()));
     assert_eq!(bytes(place.cells(&stack.layers[0])), [2, 5]);
-    // Names that are wrong.
+    // Invalid names.
     let named = |names: &[&str]| {
         place.options(|it| it.names = Some(names.iter().map(|name| name.to_string()).collect()))
     };
@@ -287,7 +287,7 @@ fn pictures_in_colour_are_one_layer() {
     assert_eq!((names(&stack), stack.layers[0].value.channels), (vec!["colour"], 4));
     assert_eq!(stack.layers[0].value.mask, Mask::Alpha);
     assert_eq!(place.cells(&stack.layers[0]), [Some(vec![1, 2, 3, 0]), Some(vec![4, 5, 6, 9])]);
-    // Bands that are asked for are layers of their own.
+    // Selected bands become separate layers.
     let options = place.options(|it| it.import.bands = Some(vec![3.into(), 4.into()]));
     let stack = plan_stack(&[colour], &options).unwrap();
     assert_eq!(names(&stack), ["colour_3", "colour_4"]);
@@ -338,14 +338,14 @@ fn pages_are_layers() {
     let options = place.options(|it| it.every_page = true);
     let stack = plan_stack(std::slice::from_ref(&input), &options).unwrap();
     assert_eq!(names(&stack), ["p_0", "p_1", "p_2"]);
-    // The mask is that of the page before it.
+    // The mask belongs to the page before it.
     let cell = |value: u8| Some(vec![value]);
     assert_eq!(place.cells(&stack.layers[0]), vec![cell(1); 4]);
     assert_eq!(place.cells(&stack.layers[1]), [cell(2), None, cell(2), cell(2)]);
     assert_eq!(place.cells(&stack.layers[2]), vec![cell(3); 4]);
     let options = place.options(|it| it.import.page = Some(2));
     assert_eq!(bytes(place.cells(&plan_stack(&[input], &options).unwrap().layers[0])), [3; 4]);
-    // As many as one likes.
+    // No limit on the number of pages.
     let many: Vec<Ifd> = (0..3000u16).map(|number| Ifd::grey(1, 1, vec![number as u8])).collect();
     let input = place.write("many.tif", &many);
     let stack = plan_stack(&[input], &place.options(|it| it.every_page = true)).unwrap();
@@ -363,10 +363,10 @@ fn thousands_of_files_are_closed() {
     let before = open_files();
     let stack = plan_stack(&inputs, &StackOptions::new()).unwrap();
     assert_eq!(stack.layers.len(), 3000);
-    // (Other tests have files, too.)
+    // Concurrent tests open files, too.
     assert!(open_files() < before + 500);
     assert_eq!(bytes(place.cells(&stack.layers[1234])), [1234u16 as u8]);
-    // One that is another by now.
+    // A file that has changed since.
     place.write("1234.tif", &[Ifd::grey(2, 1, vec![1, 2])]);
     assert!(stack.layers[1234].slabs(Path::new("."), 1 << 24, &()).is_err());
     assert!(
@@ -429,7 +429,7 @@ fn pages_are_planes_of_a_volume() {
             assert!(!is_there || found[..bands].iter().map(|n| n.to_f64()).eq(expected), "{x} {y} {z}");
         }
     }
-    // Pages that are not alike, or have masks.
+    // Pages of different sizes, or with masks.
     let grey = |side: u16| Ifd::grey(side, side, vec![1; usize::from(side).pow(2)]);
     let uneven = place.write("uneven.tif", &[grey(3), grey(3), grey(4)]);
     let error = volume::plan_sections(std::slice::from_ref(&uneven), &VolumeOptions::new())
@@ -445,13 +445,13 @@ fn pages_are_planes_of_a_volume() {
     assert!(made.unwrap_err().to_string().contains("masks"));
 }
 
-/// Scenes of one grid with different extents: the stack has the box around them.
+/// Scenes on one grid with different extents: the stack covers their bounding box.
 #[test]
 fn scenes_on_one_grid_have_their_union() {
     let place = Place::new();
     let mut random = Random(31);
     let [x, y] = CORNER;
-    // Corners in cells of 10 m, cells that a pixel is wide, pixels along a side.
+    // Corners in cells of 10 m, pixel width in cells, pixels per side.
     let scenes = [
         ([3, 2], 1, 20usize),
         ([0, 5], 1, 7),
@@ -489,12 +489,12 @@ fn scenes_on_one_grid_have_their_union() {
             assert_eq!(found, expected, "{} at {column}, {row}", layer.name);
         }
     }
-    // The largest cells that the corner and the pixels are made of.
+    // The largest cells that divide both the corner and the pixels.
     let levels: Vec<_> = stack.layers.iter().map(|layer| (layer.coarser, layer.repeat)).collect();
     assert_eq!(levels, [(0, 1), (0, 1), (0, 2), (0, 4), (0, 3), (2, 1)]);
 }
 
-/// Bands that are no one value become layers, without `--stack`.
+/// Bands that do not form one value become layers, without `--stack`.
 #[test]
 fn bands_that_are_no_colours_become_layers() {
     let place = Place::new();
@@ -522,7 +522,7 @@ fn bands_that_are_no_colours_become_layers() {
             spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap(),
             layers
         );
-        // One that is chosen is a tree of its own.
+        // A single selected band is a tree.
         assert!(build(&["--band", "2"]).status.success());
         let layers = spinney::raw::ops::TreeFile::open(&out, &Default::default()).unwrap().layers().unwrap();
         assert_eq!(layers.len(), 1);
@@ -535,7 +535,7 @@ fn other_grids_are_warped_if_that_is_said() {
     let mut random = Random(12);
     let first = place.write("first.tif", &[placed(Ifd::grey(30, 30, vec![1; 900]), CORNER, 10.0)]);
     let pixels = noise(&mut random, 256);
-    // Pixels of 15 m, one to the right and below of the corner; and of 45 m.
+    // Pixels of 15 m, one to the right of and below the corner; and of 45 m.
     let [x, y] = CORNER;
     let second =
         place.write("second.tif", &[placed(Ifd::grey(16, 16, pixels.clone()), [x + 15.0, y - 15.0], 15.0)]);
@@ -564,7 +564,7 @@ fn other_grids_are_warped_if_that_is_said() {
     check(&stack.layers[1], 10.0, 15.0, 15.0, 16, &pixels);
     check(&stack.layers[2], 40.0, 1.0, 45.0, 6, &coarse);
     assert!(stack.layers[2].to_string().ends_with("warped to cells 4 times as wide"), "{}", stack.layers[2]);
-    // Another system: the next zone, whose grid is turned.
+    // Another coordinate system: the next zone, whose grid is rotated.
     let keys = [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32633];
     let zone = placed(Ifd::grey(400, 400, noise(&mut random, 160_000)), [-180_000.0, 5_040_000.0], 50.0)
         .short(34735, &keys);
@@ -572,7 +572,7 @@ fn other_grids_are_warped_if_that_is_said() {
     let stack = plan_stack(&[second, zone.clone()], &options).unwrap();
     assert_eq!((stack.layers[1].extent, stack.layers[1].repeat), ([16, 16, 1], 0));
     assert!(place.cells(&stack.layers[1]).iter().any(Option::is_some));
-    // What lies nowhere cannot be warped.
+    // An image without a frame cannot be warped.
     let nowhere = place.write("nowhere.tif", &[Ifd::grey(3, 3, vec![1; 9])]);
     assert!(plan_stack(&[zone, nowhere], &options).is_err());
     assert!(

@@ -1,4 +1,5 @@
-//! Updates of exported tiles: killed at every step, two at once, after the values' percentiles have moved, and how much they draw.
+//! Updates of exported tiles: killed at every file operation, concurrent, after the percentiles of
+//! values have changed, and the number of tiles drawn.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,8 @@ use spinney::{
 
 use crate::common::{Cells, QUAD, options, value, with, write_cells};
 
-/// A folder of a tree and its tiles: `w.autumn`, a world of 1024 cells a side, of which the south-east is empty.
+/// A directory with a tree and its tiles: `w.autumn`, a world of 1024 cells per side, of which the
+/// south-east is empty.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -56,7 +58,7 @@ impl Place {
         open(&self.tree(), &Default::default()).unwrap()
     }
 
-    /// A folder of tiles, or an archive.
+    /// Returns a tile directory, or an archive.
     fn target(&self, name: &str) -> TileTarget {
         let name = if name.contains('.') { self.path(name) } else { self.path(name).join("{z}/{x}/{y}.png") };
         TileTarget::of(&name).unwrap().unwrap()
@@ -72,14 +74,14 @@ impl Place {
         edit(&self.tree(), [Ok(one)], note, 64 << 20, &()).unwrap();
     }
 
-    /// A tile goes, one comes, one gets another picture.
+    /// Removes a tile, adds one, and changes one.
     fn change(&self) {
         self.fill([256, 0], [256, 256], None);
         self.fill([800, 800], [3, 3], Some(5.0));
         self.fill([10, 20], [70, 30], Some(9.0));
     }
 
-    /// Takes that back.
+    /// Reverts that.
     fn take_back(&self) {
         let mut cells = Vec::new();
         for (min, size) in [([256, 0], [256, 256]), ([10, 20], [70, 30])] {
@@ -123,7 +125,7 @@ impl Place {
     }
 }
 
-/// All files below a folder with their bytes, and all folders.
+/// Returns all files below a directory with their bytes, and all directories.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
     let mut found = BTreeMap::new();
     let mut pending = vec![folder.to_path_buf()];
@@ -141,7 +143,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Option<Vec<u8>>> {
     found
 }
 
-/// Puts contents in the place of a folder.
+/// Replaces the contents of a directory.
 fn restore(folder: &Path, contents: &BTreeMap<PathBuf, Option<Vec<u8>>>) {
     let _ = std::fs::remove_dir_all(folder);
     std::fs::create_dir(folder).unwrap();
@@ -153,7 +155,7 @@ fn restore(folder: &Path, contents: &BTreeMap<PathBuf, Option<Vec<u8>>>) {
     }
 }
 
-/// Remembers all that a folder has been while work is going on: what somebody finds who comes after that was killed.
+/// Records all states of a directory during an operation: what remains if the operation is killed.
 struct Watch {
     folder: PathBuf,
     seen: Mutex<Vec<BTreeMap<PathBuf, Option<Vec<u8>>>>>,
@@ -218,7 +220,7 @@ fn a_folder_whose_update_was_killed_at_any_step_is_mended_by_the_next() {
     }
 }
 
-/// Interrupts after so many questions, and collects warnings.
+/// Cancels after a number of checks, and collects warnings.
 #[derive(Default)]
 struct Patience(AtomicU64, Mutex<Vec<String>>);
 
@@ -346,7 +348,7 @@ fn an_export_goes_on_only_with_what_it_has_left_itself() {
         } else {
             place.path(&format!("{name}.partial.journal"))
         };
-        // Somebody's file or folder.
+        // A file or directory of the user.
         if name == "r" {
             std::fs::create_dir(&partial).unwrap();
             std::fs::write(partial.join("diary"), "precious").unwrap();
@@ -361,7 +363,7 @@ fn an_export_goes_on_only_with_what_it_has_left_itself() {
         } else {
             std::fs::remove_file(&partial).unwrap();
         }
-        // Somebody's journal.
+        // A journal of the user.
         if name != "r.mbtiles" {
             if name == "r" {
                 std::fs::create_dir(&partial).unwrap();
@@ -404,7 +406,7 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
     }
     let tile = |name: &str| std::fs::read(place.path(name).join("2/1/1.png")).unwrap();
     let before = tile("a");
-    // The upper end of the greys is another one by far.
+    // The upper end of the grey range changes considerably.
     place.fill([0, 0], [256, 256], Some(60_000.0));
     place.export("fresh");
     let fresh = tile("fresh");
@@ -420,7 +422,7 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
         if name == "a" {
             assert!(tile("a") == before, "what was not touched keeps its colours");
         }
-        // It does not mix colours without being told to.
+        // It does not mix colours unless requested.
         let map = place.map();
         let update = TileUpdate::open(&target, None, &()).unwrap();
         let painter = TilePainter::new(&place.style(), &map, &()).unwrap();
@@ -432,7 +434,7 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
         let other = update.painter(&Style::parse("viridis").unwrap(), &map, &());
         assert!(matches!(other, Err(Error::Invalid { .. })));
         drop(update);
-        // Another tile changes, and one goes; all is drawn.
+        // Another tile changes, and one is removed; all are drawn.
         place.restyle(name);
         assert_eq!(verify_tiles(target.path(), &()).unwrap(), []);
         if name == "a.pmtiles" {
@@ -443,14 +445,14 @@ fn colours_stay_when_percentiles_move_until_all_is_drawn_anew() {
         }
     }
     assert!(contents(&place.path("a")) == contents(&place.path("fresh")));
-    // Also with changes to the tree, by which tiles go.
+    // Also with changes to the tree that remove tiles.
     place.fill([256, 0], [256, 256], None);
     place.restyle("a");
     place.export("again");
     assert!(contents(&place.path("a")) == contents(&place.path("again")));
 }
 
-/// Counts what a source is asked.
+/// Counts requests to a source.
 struct Counted<'a> {
     source: TreeTiles<'a>,
     drawn: AtomicU64,

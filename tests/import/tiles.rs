@@ -1,4 +1,4 @@
-//! Tiles in archives and folders, against the windows of the trees they come from.
+//! Tiles in archives and directories, against windows of their source trees.
 
 use std::collections::BTreeMap;
 use std::io::Cursor;
@@ -24,7 +24,7 @@ use spinney::{
 
 use crate::common::{Cells, QUAD, options, value, write_cells};
 
-/// A world of 2^depth cells a side: noise in places, patches, and an empty and a uniform quarter.
+/// Returns a world of 2^depth cells per side: noise, patches, and an empty and a uniform quadrant.
 fn world(path: &Path, depth: u8) -> Dataset {
     let side = 1u64 << depth;
     let mut cells = Cells::random(QUAD, 5, [side, side, 1], 7, true);
@@ -62,7 +62,7 @@ fn export(
     export_tiles(&TreeTiles::world(map).unwrap(), &painter(map), request, &target, &())
 }
 
-/// Values and flags of a tile as the tree has them.
+/// Returns the values and flags of a tile from the tree.
 fn window(map: &Dataset, tile: TileId, side: u64) -> (Vec<u8>, Vec<bool>) {
     let level = tile.zoom + side.trailing_zeros() as u8;
     let (x, y) = (u64::from(tile.column) * side, u64::from(tile.row) * side);
@@ -72,7 +72,7 @@ fn window(map: &Dataset, tile: TileId, side: u64) -> (Vec<u8>, Vec<bool>) {
     (values, valid)
 }
 
-/// Red, green, blue and opacity of a PNG file's pixels.
+/// Returns red, green, blue and opacity of a PNG file's pixels.
 fn decoded(bytes: &[u8]) -> Vec<[u8; 4]> {
     let mut decoder = png::Decoder::new(Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
@@ -119,7 +119,7 @@ fn tiles_are_the_nodes_of_the_tree() {
                 |(value, valid): (&u8, &bool)| if *valid { palette[usize::from(*value)] } else { [0; 4] };
             let expected: Vec<_> = values.iter().zip(&valid).map(colour).collect();
             let mut seen = decoded(&bytes);
-            // (What cannot be seen has any colour.)
+            // Fully transparent pixels may have any colour.
             seen.iter_mut().filter(|pixel| pixel[3] == 0).for_each(|pixel| *pixel = [0; 4]);
             assert!(seen == expected, "{tile:?}");
             found += 1;
@@ -178,7 +178,7 @@ fn zooms_and_boxes_leave_tiles_out() {
     let path = folder.path().join("t.pmtiles");
     let mut request = TileRequest::new(&map).unwrap();
     request.zooms = Some(1..=2);
-    // A part of the north-western quarter that is below one tile of zoom 2, and touches no other.
+    // A box in the north-western quadrant that is within one tile of zoom 2, and touches no other.
     request.degrees = Some([-170.0, 70.0, -100.0, 75.0]);
     let stored = export(&map, &request, path.to_str().unwrap()).unwrap();
     let archive = Pmtiles::open(&path).unwrap();
@@ -202,7 +202,7 @@ fn zooms_and_boxes_leave_tiles_out() {
     }
 }
 
-/// Interrupts after so many questions.
+/// Cancels after a number of checks.
 struct Patience(AtomicU64);
 
 impl Progress for Patience {
@@ -211,8 +211,8 @@ impl Progress for Patience {
     }
 }
 
-/// A world of 2^depth cells a side in squares of so many cells a side, whose neighbours have other numbers. In every eighth square all
-/// cells have numbers of their own.
+/// Returns a world of 2^depth cells per side in squares of `square` cells per side, with different
+/// values in adjacent squares. In every eighth square all cells differ.
 fn many(path: &Path, depth: u8, square: u64) -> Dataset {
     let side = 1u64 << depth;
     let mut cells = Cells::random(QUAD, 5, [side, side, 1], 7, false);
@@ -230,7 +230,8 @@ fn many(path: &Path, depth: u8, square: u64) -> Dataset {
 #[test]
 fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
     let folder = tempfile::tempdir().unwrap();
-    // More tiles than there are between checkpoints: those of the last zoom have 2 by 2 cells each, and most of them are uniform.
+    // More tiles than between checkpoints: those of the last zoom have 2 by 2 cells each, and most
+    // of them are uniform.
     let map = many(&folder.path().join("w.goblin"), 7, 2);
     let source = TreeTiles::world(&map).unwrap();
     let painter = painter(&map);
@@ -260,13 +261,14 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
                 Err(Error::Interrupted) => assert!(!part.exists() && starts < 20),
                 Err(other) => panic!("{other}"),
             }
-            // It does not go on with other options.
+            // It does not resume with other options.
             let mut other = request.clone();
             other.side = 512;
             loop {
                 match export_tiles(&source, &painter, &other, &target, &()) {
                     Err(Error::Unsupported { .. }) => break,
-                    // (A process that another test is starting has a copy of the file, and of its lock, for a moment.)
+                    // A process that another test starts briefly holds a copy of the file
+                    // descriptor, and of its lock.
                     Err(Error::Locked { .. }) => std::thread::yield_now(),
                     other => panic!("{:?}", other.map(|_| "an export that went on")),
                 }
@@ -276,7 +278,7 @@ fn threads_do_not_matter_and_an_interrupted_export_goes_on() {
         request.resume = false;
         assert!(std::fs::read(&part).unwrap() == bytes[0], "{end} after {starts} starts");
         assert_eq!(verify_tiles(&part, &()).unwrap(), []);
-        // Without that nothing is left.
+        // Without resuming nothing remains.
         let gone = folder.path().join(format!("gone.{end}"));
         let target = TileTarget::of(&gone).unwrap().unwrap();
         let patience = Patience(AtomicU64::new(100));
@@ -311,7 +313,7 @@ fn an_update_is_like_doing_it_again() {
     for target in targets("a") {
         export(&map, &TileRequest::new(&map).unwrap(), &target).unwrap();
     }
-    // A hole, a spot in what was empty, and a new uniform tile.
+    // A hole, a spot in an empty area, and a new uniform tile.
     let regions = [
         ([100, 100], [300, 420], None),
         ([1500, 200], [1503, 204], Some(5.0)),
@@ -353,7 +355,7 @@ fn an_update_is_like_doing_it_again() {
             #[allow(unreachable_patterns)]
             _ => assert_eq!(stored.contents, anew.contents),
         }
-        // What was made with other options is not mixed.
+        // Tiles made with other options are not mixed.
         let mut smaller = request.clone();
         smaller.encoding.png_effort = Some(9);
         let update = TileUpdate::open(&to, None, &()).unwrap();
@@ -363,7 +365,7 @@ fn an_update_is_like_doing_it_again() {
     }
 }
 
-/// A disk that is full after so many bytes.
+/// A disk that is full after a number of bytes.
 struct Full(AtomicU64);
 
 impl Faults for Full {
@@ -388,7 +390,7 @@ fn a_full_disk_leaves_nothing() {
     let length =
         export_pmtiles(&source, &painter, &request, Output::create(&path).unwrap(), &()).unwrap().bytes;
     std::fs::remove_file(&path).unwrap();
-    // (The start is written twice.)
+    // The file's start is written twice.
     for room in [0, 1000, 20_000, length - 10, length + 10, length + 16_000] {
         let output = Output::create(&path).unwrap().with_faults(std::sync::Arc::new(Full(room.into())));
         let done = export_pmtiles(&source, &painter, &request, output, &());
@@ -450,7 +452,7 @@ fn damage_is_found_and_hostile_archives_end_soon() {
     assert_eq!(verify_tiles(&base, &()).unwrap().len(), 1);
 }
 
-/// All files below a folder, with their bytes.
+/// Returns all files below a directory with their bytes.
 fn files(folder: &Path) -> BTreeMap<std::path::PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     let mut pending = vec![folder.to_path_buf()];
@@ -517,7 +519,7 @@ fn light_on_a_relief_has_no_seams_between_tiles() {
             decoded(&std::fs::read(folder.path().join(format!("tiles/2/{column}/{row}.png"))).unwrap());
         for (at, pixel) in tile.iter().enumerate() {
             let (x, y) = (column * 256 + at % 256, row * 256 + at / 256);
-            // (A picture of the whole world ends at its west and east, where tiles go on.)
+            // An image of the whole world ends in the west and east, where tiles continue.
             if x > 0 && x < 1023 {
                 let expected = whole[y * 1024 + x];
                 let is_close = pixel.iter().zip(&expected).all(|(a, b)| a.abs_diff(*b) <= 1);

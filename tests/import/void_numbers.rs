@@ -1,4 +1,4 @@
-//! The number that encodes VOID in outputs: no value is equal to it, and VOID never becomes a value.
+//! The nodata value of outputs: no value equals it, and VOID never becomes a value.
 
 use std::path::{Path, PathBuf};
 
@@ -15,13 +15,13 @@ use spinney::{
 
 use crate::common::{Cells, Random, options, shared_data, value_types, with, write_cells};
 
-/// Columns and rows of the trees here: not those of blocks.
+/// Columns and rows of the trees, not aligned to blocks.
 const SIZE: [u64; 3] = [37, 21, 1];
 
-/// Values of some cells, each with all of its samples; `None` is VOID.
+/// Values of some cells, each with all its samples; `None` is VOID.
 type Found = Vec<Option<Vec<u8>>>;
 
-/// A tree of cells whose nodata number is this.
+/// Returns a tree of cells with this nodata value.
 fn tree(path: &Path, cells: &Cells, nodata: Option<Number>, rule: Rule) -> Dataset {
     let kind = if rule == Rule::Mean { DataKind::Continuous } else { DataKind::Categorical };
     let metadata = Metadata { nodata, ..Metadata::default() };
@@ -29,7 +29,7 @@ fn tree(path: &Path, cells: &Cells, nodata: Option<Number>, rule: Rule) -> Datas
     spinney::open(path).unwrap()
 }
 
-/// The cells of a window as the tree has them, by flags instead of numbers.
+/// Returns the cells of a window from the tree, by flags instead of nodata.
 fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
     let size = tree.header().form.value.size();
     let mut found = Vec::new();
@@ -42,28 +42,28 @@ fn reference(tree: &Dataset, request: &WindowRequest) -> Found {
     found
 }
 
-/// The cells of an image whose values have opacity after them, which encodes VOID, or have not.
+/// Returns the cells of an image, with or without a trailing opacity sample that encodes VOID.
 fn seen(path: &Path, value: ValueType) -> Found {
     let tree = built(path);
     let channels = tree.header().form.value.channels;
     assert!([value.channels, value.channels + 1].contains(&channels), "{channels} channels of {value}");
     assert_eq!(tree.header().form.value.sample, value.sample);
     let request = WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth()));
-    // (Pixels of opacity 0 keep their colours.)
+    // Pixels of opacity 0 keep their colours.
     let is_seen =
         |bytes: &Vec<u8>| channels == value.channels || bytes[value.size()..].iter().any(|byte| *byte > 0);
     let cells = reference(&tree, &request).into_iter();
     cells.map(|cell| cell.filter(is_seen).map(|bytes| bytes[..value.size()].to_vec())).collect()
 }
 
-/// The cells of a raster file, as an import reads them.
+/// Returns the cells of a raster file, as an import reads them.
 fn imported(path: &Path, size: usize) -> Found {
     let tree = built(path);
     assert_eq!(tree.header().form.value.size(), size);
     reference(&tree, &WindowRequest::new(tree.header().picture(), Detail::Level(tree.depth())))
 }
 
-/// The tree of a raster file.
+/// Returns the tree of a raster file.
 fn built(path: &Path) -> Dataset {
     let again = path.with_extension("goblin");
     plan(&[path.to_path_buf()], &ImportOptions::new())
@@ -73,7 +73,7 @@ fn built(path: &Path) -> Dataset {
     spinney::open(&again).unwrap()
 }
 
-/// The cells at the end of a file of samples, where a number is VOID.
+/// Returns the cells at the end of a file of samples with a nodata value.
 fn samples(path: &Path, value: ValueType, cells: usize, void: Number) -> Found {
     let bytes = std::fs::read(path).unwrap();
     let void = value.nearest_numbers(|_| void).to_bytes();
@@ -82,7 +82,7 @@ fn samples(path: &Path, value: ValueType, cells: usize, void: Number) -> Found {
     cells.map(|cell| (!is_void(cell)).then(|| cell.to_vec())).collect()
 }
 
-/// Keeps warnings.
+/// Collects warnings.
 #[derive(Default)]
 struct Warnings(std::sync::Mutex<Vec<String>>);
 
@@ -92,7 +92,7 @@ impl Progress for Warnings {
     }
 }
 
-/// Cells of all values of a byte in each channel, or of few ones; some are VOID.
+/// Returns cells with all values of a byte in each channel, or with few values; some are VOID.
 fn cells_of(value: ValueType, seed: u64, is_full: bool) -> Cells {
     let form = TreeType::new(Dimension::Quad, value);
     let mut cells = Cells::noise(form, seed, SIZE, 40);
@@ -103,7 +103,7 @@ fn cells_of(value: ValueType, seed: u64, is_full: bool) -> Cells {
             bytes[..value.size()].fill_with(|| random.next() as u8);
             *cell = Value::from_bytes(&bytes[..value.size()]);
         }
-        // (Each channel has both ends, whatever chance says.)
+        // Each channel has both extremes in any case.
         let ends = [f64::NEG_INFINITY, f64::INFINITY].map(|end| value.sample.nearest(end.into()));
         let mut values = cells.cells.iter_mut().flatten();
         for end in ends {
@@ -186,7 +186,7 @@ fn void_stays_void_and_values_stay_values_in_every_format() {
                         .unwrap();
                 assert_eq!(summary.has_masks, is_full);
                 assert!(imported(&name("c.tif"), value.size()) == reference(&tree, &request));
-                // Explicit numbers.
+                // Explicit nodata values.
                 for (asked, is_good) in [(inside, false), (free, !is_full)] {
                     let request = with(request.clone(), |it| it.nodata = Some(asked));
                     for format in [Format::Tiff, Format::Npy] {
@@ -230,7 +230,7 @@ fn boxes_of_octrees_have_a_free_number_for_void() {
     assert!(warnings.0.lock().unwrap()[0].contains("-32768 as nodata number, since 0"));
 }
 
-/// Rasters of public reports.
+/// Returns the directory of rasters from public reports.
 fn reports(data: &Path) -> PathBuf {
     data.join("hostile/reports/maps")
 }
@@ -251,7 +251,7 @@ fn reported_maps_keep_void_and_values() {
         import.build(Output::create(&path).unwrap(), &()).unwrap();
         spinney::open(&path).unwrap()
     };
-    // Values -10 and 10, whose means are the nodata number.
+    // Values -10 and 10, whose means equal the nodata value.
     let map = build("mean_nd.tif");
     let whole = |tree: &Dataset, level: u8| WindowRequest::new(tree.header().picture(), Detail::Level(level));
     let mut zeros = 0;
@@ -276,7 +276,7 @@ fn reported_maps_keep_void_and_values() {
         let error = written.unwrap_err().to_string();
         assert!(error.contains("every number of u8 is a value") && error.contains(".tif"), "{error}");
     }
-    // Two layers whose common nodata number lies within the values.
+    // Two layers whose common nodata value is within the range of values.
     let layers = [build("ndvi0.tif"), build("ndvi1.tif")];
     let request = whole(&layers[0], layers[0].depth());
     export_layers(&layers, &request, Output::create(&name("s.tif")).unwrap(), Format::Tiff, &()).unwrap();
@@ -310,7 +310,7 @@ fn mask_files_of_rasters_are_applied() {
     std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
     let expected: Found = (0..1200u64).map(|at| (at % 7 != 0).then(|| vec![at as u8])).collect();
     assert!(imported(&name("a.tif"), 1) == expected);
-    // One of another size is no mask of it.
+    // A mask of another size is ignored.
     picture(&name("mask.tif"), [40, 29], &|_| 255);
     std::fs::rename(name("mask.tif"), name("a.tif.msk")).unwrap();
     let error = plan(&[name("a.tif")], &ImportOptions::new()).err().unwrap().to_string();

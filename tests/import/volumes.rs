@@ -1,4 +1,4 @@
-//! Volumes in NPY files: every type, VOID, levels of detail, and files that are not what they should be.
+//! Volumes in NPY files: every type, VOID, levels of detail, and invalid files.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use tempfile::TempDir;
 
 use crate::common::{Random, with};
 
-/// An array as `numpy.save` writes it.
+/// Returns an array as `numpy.save` writes it.
 fn npy(version: u8, descr: &str, shape: &[u64], samples: &[u8]) -> Vec<u8> {
     let lengths: Vec<String> = shape.iter().map(u64::to_string).collect();
     let shape = lengths.join(", ");
@@ -21,7 +21,7 @@ fn npy(version: u8, descr: &str, shape: &[u64], samples: &[u8]) -> Vec<u8> {
     file(version, &format!("{text:<117}\n"), samples)
 }
 
-/// A file with any header.
+/// Returns a file with any header.
 fn file(version: u8, header: &str, samples: &[u8]) -> Vec<u8> {
     let mut bytes = [&b"\x93NUMPY"[..], &[version, 0]].concat();
     let length = (header.len() as u32).to_le_bytes();
@@ -29,7 +29,7 @@ fn file(version: u8, header: &str, samples: &[u8]) -> Vec<u8> {
     [bytes, header.into(), samples.into()].concat()
 }
 
-/// A number as a sample of a type, little-endian.
+/// Returns a number as a little-endian sample of a type.
 fn sample(name: &str, number: f64) -> Vec<u8> {
     match name {
         "b1" | "u1" => vec![number as u8],
@@ -40,7 +40,7 @@ fn sample(name: &str, number: f64) -> Vec<u8> {
         "i4" => (number as i32).to_le_bytes().into(),
         "u8" => (number as u64).to_le_bytes().into(),
         "i8" => (number as i64).to_le_bytes().into(),
-        // Small whole numbers alone.
+        // Only small integers.
         "f2" => {
             let bits = (number as f32).to_bits();
             let half =
@@ -125,7 +125,7 @@ fn channels_come_back_as_they_were() {
     assert!(get(&tree, &folder.path().join("back.npy"))[128..] == samples);
 }
 
-/// Numbers of cells, some of which are none: whole, so that sums of them are exact.
+/// Returns integer cell values, some NaN, so that their sums are exact.
 fn numbers(size: [u64; 3]) -> Vec<f64> {
     let mut random = Random(3);
     let number = |_| match random.below(6) {

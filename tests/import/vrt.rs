@@ -19,18 +19,18 @@ const TYPES: [(SampleType, &str, u16, u16); 5] = [
     (SampleType::F32, "Float32", 32, 3),
 ];
 
-/// Samples as numbers.
+/// Returns samples as numbers.
 fn numbers(sample: SampleType, bytes: &[u8]) -> Vec<f64> {
     let mut numbers = Vec::new();
     ValueType::new(sample, 1).push_numbers(0, bytes, &mut numbers);
     numbers
 }
 
-/// A file of random small numbers, which all types hold.
+/// A file of random small numbers that all types can represent.
 struct Input {
     name: String,
     size: [i64; 2],
-    /// Number of its type.
+    /// Index of its type.
     kind: usize,
     bands: Vec<Vec<f64>>,
 }
@@ -67,7 +67,8 @@ impl Input {
     }
 }
 
-/// The XML of a random virtual raster, and the samples of each band: nothing where no source makes one.
+/// The XML of a random virtual raster, and the samples of each band; `None` where no source
+/// provides one.
 struct Virtual {
     xml: String,
     size: [i64; 2],
@@ -158,7 +159,7 @@ impl Virtual {
         Region::new(0, 0, self.size[0] as u64, self.size[1] as u64)
     }
 
-    /// Fails unless a raster of some of the bands has the samples of a region.
+    /// Checks the samples of a region, for some of the bands.
     fn check(&self, raster: &mut dyn Raster, chosen: &[usize], region: Region) {
         let mut pixels = Pixels::default();
         raster.read(region, &mut pixels).unwrap();
@@ -224,7 +225,7 @@ fn gdal_agrees() {
     for case in 0..40 {
         let model = Virtual::random(&mut random, &inputs, case % 2 == 0, folder.path());
         fs::write(&path, &model.xml).unwrap();
-        // (Its output has one type: that of the widest band, or of the first.)
+        // Its output has one type: that of the widest band, or of the first.
         for (band, sample) in model.types.iter().enumerate() {
             let number = (band + 1).to_string();
             let status =
@@ -284,14 +285,14 @@ fn what_a_virtual_raster_says_is_kept() {
     assert_eq!(info.palette.as_ref().unwrap().colours, [[1, 2, 3, 255]]);
 }
 
-/// A virtual raster of one band with these elements in it.
+/// Returns a virtual raster of one band with these elements.
 fn of_band(elements: &str) -> String {
     format!(
         "<VRTDataset rasterXSize=\"4\" rasterYSize=\"4\"><VRTRasterBand dataType=\"Byte\" band=\"1\">{elements}</VRTRasterBand></VRTDataset>"
     )
 }
 
-/// A source with these elements.
+/// Returns a source with these elements.
 fn source(name: &str, elements: &str) -> String {
     format!("<SourceFilename relativeToVRT=\"1\">{name}</SourceFilename><SourceBand>1</SourceBand>{elements}")
 }
@@ -388,7 +389,7 @@ fn virtual_rasters_of_each_other_end() {
         fs::write(at("self.vrt"), many("self.vrt", count)).unwrap();
         assert!(refused("self.vrt").contains("of themselves"));
     }
-    // One in the other, as deep as is taken, and deeper.
+    // Nested up to the maximum depth, and deeper.
     fs::write(at("0.vrt"), many("a.tif", 1)).unwrap();
     (1..5).for_each(|depth| {
         fs::write(at(&format!("{depth}.vrt")), many(&format!("{}.vrt", depth - 1), 1)).unwrap()
@@ -397,17 +398,17 @@ fn virtual_rasters_of_each_other_end() {
     open(&at("3.vrt")).read(Region::new(1, 1, 3, 2), &mut pixels).unwrap();
     assert_eq!(pixels.bytes, [7; 6]);
     assert!(refused("4.vrt").contains("more than 4 deep"));
-    // Each of thousands of another: a few files, and a billion sources.
+    // Each includes thousands of the previous one: a few files, and a billion sources.
     fs::write(at("1.vrt"), many("0.vrt", 2000)).unwrap();
     fs::write(at("2.vrt"), many("1.vrt", 2000)).unwrap();
     assert!(refused("2.vrt").contains("sources"));
-    // A speck in the largest raster there is.
+    // A small source in the largest possible raster.
     let empty = many("a.tif", 1).replace("Size=\"4\"", "Size=\"2147483647\"");
     let speck = "<DstRect xOff=\"0\" yOff=\"0\" xSize=\"4\" ySize=\"4\"/></SimpleSource>";
     let from = "<SrcRect xOff=\"0\" yOff=\"0\" xSize=\"4\" ySize=\"4\"/>";
     fs::write(at("empty.vrt"), empty.replace("</SimpleSource>", &format!("{from}{speck}"))).unwrap();
     assert!(refused("empty.vrt").contains("2147483647 x 2147483647 pixels, of which sources make 16"));
-    // Every file that is cut, and with bytes that are others.
+    // The file truncated at every length, and with changed bytes.
     let text = of_band(&format!("<ComplexSource>{}</ComplexSource>", source("a.tif", "<NODATA>1</NODATA>")));
     let mut random = Random(3);
     for length in 0..text.len() {

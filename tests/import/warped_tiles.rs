@@ -1,4 +1,4 @@
-//! Tiles of rasters on any grid, against the nodes of trees that were warped.
+//! Tiles of rasters on any grid, against the nodes of warped trees.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ use spinney::{
 
 use crate::common::{options, quad, with};
 
-/// A fixture's own tree, and its tree on the grid of web maps down to a zoom.
+/// Returns a fixture's own tree, and its tree on the web map grid down to a zoom.
 fn native_and_warped(input: &str, way: Resampling, zoom: u8, folder: &Path) -> (Dataset, Dataset) {
     let [native, warped] = ["native.goblin", "warped.goblin"].map(|name| folder.join(name));
     let import = spinney::import::raster::plan(&[input.into()], &Default::default()).unwrap();
@@ -51,7 +51,7 @@ fn tiles_of_other_grids_are_those_of_the_warped_tree() {
                 ours.tile(tile, 256, 1, &mut a).unwrap();
                 expected.tile(tile, 256, 1, &mut b).unwrap();
                 assert!(a.valid == b.valid && a.values == b.values, "{input} {way} {tile:?}");
-                // What is said without drawing is true, and tiles beyond the borders are empty.
+                // Predictions without drawing are right, and tiles beyond the borders are empty.
                 let value = a.valid.contains(&true);
                 match ours.content(tile).unwrap() {
                     TileContent::Empty => assert!(!a.valid[258 + 1..258 + 257].contains(&true), "{tile:?}"),
@@ -102,7 +102,7 @@ fn archives_say_where_data_lie() {
         build_tree(&tree, extent, &options, Output::create(&path(name)).unwrap(), &()).unwrap();
         spinney::open(path(name)).unwrap()
     };
-    // Of the world's square: in one place; on both sides of the 180th meridian; all round.
+    // Data extents in the world square: a box; both sides of the 180th meridian; the full circle.
     let all = [512, 512, 1];
     let place_of = |map: &Dataset| TreeTiles::world(map).unwrap().data_place().unwrap();
     let east = write("east.goblin", web_mercator(9), all, &|[x, y, _]| {
@@ -123,7 +123,7 @@ fn archives_say_where_data_lie() {
     assert!((place.centre[0] - 173.0).abs() < 8.0 || place.centre[0] < -173.0, "{place:?}");
     let round = write("round.goblin", web_mercator(9), all, &|[_, y, _]| (256..272).contains(&y));
     assert_eq!(place_of(&round).centre[0], 0.0);
-    // Of a raster that goes on behind the antimeridian.
+    // A raster that continues beyond the antimeridian.
     let frame = Frame { crs: Some(Crs::epsg(4326)), ..Frame::planar([0.05, 0.0, 175.0, 0.0, -0.05, -10.0]) };
     let pacific = write("pacific.goblin", frame.clone(), [200, 100, 1], &|[x, y, _]| x < 200 && y < 100);
     let tiles =

@@ -40,7 +40,8 @@ fn pnm(header: &str, samples: &[u8]) -> Vec<u8> {
     [header.as_bytes(), samples].concat()
 }
 
-/// A BMP file of 24 bits, or of a palette of 256 colors, whose rows come from the bottom unless they are top-down.
+/// Returns a BMP file with 24 bits per pixel, or a palette of 256 colors. Rows are bottom-up unless
+/// `is_top_down`.
 fn bmp(size: [usize; 2], rgb: &[u8], palette: Option<&[[u8; 3]]>, is_top_down: bool) -> Vec<u8> {
     let [width, height] = size;
     let bits = if palette.is_some() { 8u16 } else { 24 };
@@ -74,7 +75,7 @@ fn bmp(size: [usize; 2], rgb: &[u8], palette: Option<&[[u8; 3]]>, is_top_down: b
     file
 }
 
-/// A TGA file without compression, whose rows come from the top.
+/// Returns an uncompressed TGA file, top-down.
 fn tga(channels: u8, samples: &[u8]) -> Vec<u8> {
     let is_color = channels >= 3;
     let alpha_bits = if channels.is_multiple_of(2) { 8 } else { 0 };
@@ -92,7 +93,7 @@ fn tga(channels: u8, samples: &[u8]) -> Vec<u8> {
     file
 }
 
-/// A QOI file that has each pixel in full.
+/// Returns a QOI file that stores each pixel in full.
 fn qoi(channels: u8, samples: &[u8]) -> Vec<u8> {
     let mut file = b"qoif".to_vec();
     file.extend((WIDTH as u32).to_be_bytes());
@@ -114,12 +115,12 @@ fn gif(frames: &[RgbaImage]) -> Vec<u8> {
     file
 }
 
-/// A radiance map with mantissas and exponents as they are.
+/// Returns a Radiance file with uncompressed mantissas and exponents.
 fn hdr(header: &str, rgbe: &[[u8; 4]]) -> Vec<u8> {
     [header.as_bytes(), format!("-Y {HEIGHT} +X {WIDTH}\n").as_bytes(), rgbe.as_flattened()].concat()
 }
 
-/// Few colors, so that GIF and palettes hold them; some are transparent.
+/// Few colors, so that GIF and palettes can store them; some are transparent.
 fn rgba(seed: u64) -> RgbaImage {
     let mut noise = Random(seed);
     RgbaImage::from_fn(WIDTH as u32, HEIGHT as u32, |_, _| {
@@ -128,10 +129,10 @@ fn rgba(seed: u64) -> RgbaImage {
     })
 }
 
-/// A file (name, bytes) with the samples that it has: their type, the number of channels, their bytes.
+/// A file (name, bytes) with its expected samples: type, number of channels, bytes.
 type ImageCase = (&'static str, Vec<u8>, SampleType, usize, Vec<u8>);
 
-/// A file of each kind.
+/// Returns a file of each kind.
 fn files(seed: u64) -> Vec<ImageCase> {
     let mut noise = Random(seed);
     let pixels = WIDTH * HEIGHT;
@@ -246,7 +247,7 @@ fn pnm_keeps_samples_below_the_full_range() {
     let pam = b"P7\nWIDTH 3\nHEIGHT 1\nDEPTH 2\nMAXVAL 100\nTUPLTYPE GRAYSCALE_ALPHA\nENDHDR\n\x00\x00\x05\x64\x64\x32";
     let (info, samples) = read_bytes("a.pam", pam).unwrap();
     assert_eq!((info.alpha, samples), (Some(1), vec![0, 0, 5, 255, 100, 128]));
-    // Of single bits 255 is white.
+    // For single bits, 255 is white.
     let (info, samples) = read_bytes("a.pbm", b"P4 10 2\n\xaa\x80\x00\x40").unwrap();
     assert_eq!((info.stored_sample.as_str(), info.layout.as_str()), ("uint1", "PBM"));
     assert_eq!(samples[..10], [0, 255, 0, 255, 0, 255, 0, 255, 0, 255]);
@@ -354,13 +355,13 @@ fn files_beside_images_place_them() {
     }
 }
 
-/// Samples of a truncated file are those of the whole, or there is an error.
+/// A truncated file gives the samples of the complete file, or an error.
 #[test]
 fn truncated_files_are_errors() {
-    // (Of a number in text the first digits are another number.)
+    // The first digits of a number in text are a different number.
     for (name, bytes, _, _, samples) in files(11).into_iter().filter(|(name, ..)| *name != "c.pgm") {
         for length in 0..bytes.len() {
-            // What a file has after its samples may be missing.
+            // Bytes after the samples may be missing.
             if let Ok((_, found)) = read_bytes(name, &bytes[..length]) {
                 assert!(found == samples && bytes.len() - length <= 8, "{name}: {length} of {}", bytes.len());
             }
@@ -397,12 +398,12 @@ fn sizes_in_headers_allocate_nothing() {
             other => panic!("{name}: {other:?}"),
         }
     }
-    // A frame that is larger than the image takes memory of its own.
+    // A frame that is larger than the image takes its own memory.
     let mut wide = gif(&[rgba(1)]);
     let frame = wide.windows(10).position(|part| part[0] == 0x2c && part[1..5] == [0; 4]).unwrap();
     wide[frame + 5..frame + 9].fill(0xff);
     assert!(matches!(read_bytes("a.gif", &wide), Err(Error::Unsupported { .. } | Error::Corrupt { .. })));
-    // Headers in text that do not end.
+    // Unterminated text headers.
     for start in ["#?RADIANCE\n", "P7\nWIDTH 1\n#", "P5 1"] {
         let mut file = start.as_bytes().to_vec();
         file.resize(3 << 20, if start.starts_with("P5") { b'0' } else { b'a' });
@@ -421,7 +422,7 @@ fn altered_files_do_no_harm() {
                 let reach = if noise.below(2) == 0 { bytes.len() } else { bytes.len().min(64) };
                 altered[noise.below(reach as u64) as usize] ^= 1 << noise.below(8);
             }
-            // It is an image or an error.
+            // An image or an error.
             let _ = read_bytes(name, &altered);
         }
     }

@@ -1,5 +1,6 @@
-//! Bintrees of the survey: blocks that are halved, along x and y in turn or along the axis that gives the fewest nodes. And, as the 1991 papers on
-//! octrees name it for an alternative to their own way, the labelling of components through bintrees, as a referee of the engine's.
+//! Bintrees of the survey: blocks that are halved, along x and y in turn or along the axis that
+//! gives the fewest nodes. Also component labelling through bintrees, which the 1991 papers on
+//! octrees mention as an alternative to their own method, as a reference for the engine's.
 
 use std::path::Path;
 
@@ -13,7 +14,7 @@ use crate::common::{CLASSIC, Cells, OCT, QUAD, as_byte, byte, dataset};
 
 const ANY: usize = usize::MAX;
 
-/// The picture of the two ten-record tables as both kinds of bintrees.
+/// The image of the two ten-record tables as both kinds of bintrees.
 #[test]
 fn item_13_picture_of_the_tables() {
     let cell = |[x, y, _]: [u32; 3]| Some(byte(CLASSIC[y as usize][x as usize]));
@@ -33,7 +34,7 @@ fn item_13_picture_of_the_tables() {
     }
 }
 
-/// Each half is one of two equal ones, the first along x, of a half of it along y.
+/// Each node is one of two equal halves, the first along x, then of a half of it along y.
 #[test]
 fn item_13_axes_alternate() {
     for (dimension, form) in [(Dimension::Quad, QUAD), (Dimension::Oct, OCT)] {
@@ -90,7 +91,7 @@ fn item_13_table_of_nodes() {
         let bintrees = [Bintree::alternating(&tree, extent, ANY), Bintree::adaptive(&tree, extent)];
         let [alternating, adaptive] = bintrees.map(|bintree| bintree.unwrap().nodes().len());
         let (children, inner) = (tree.form().children(), tree.inner_nodes());
-        // (Of two halves each, half of the nodes and one more are leaves.)
+        // With two children per inner node, half of the nodes plus one half are leaves.
         let counts = [(1 + children * inner, 1 + (children - 1) * inner)].into_iter();
         let counts: Vec<_> =
             counts.chain([alternating, adaptive].map(|nodes| (nodes, nodes / 2 + 1))).collect();
@@ -106,11 +107,11 @@ fn item_13_table_of_nodes() {
     assert!(missing.is_empty(), "not in docs/literature.md:\n{}", missing.join("\n"));
 }
 
-/// Components of cells of one class, by the leaves of a bintree.
+/// Components of cells of one class, computed on the leaves of a bintree.
 struct Components<'a> {
     nodes: &'a [BintreeNode],
     class: fn(Value) -> Option<u8>,
-    /// A lesser node of the same component, or the node itself.
+    /// A lower-numbered node of the same component, or the node itself.
     parents: Vec<usize>,
 }
 
@@ -137,7 +138,7 @@ impl Components<'_> {
         Some((by, halves))
     }
 
-    /// Joins what touches within a block.
+    /// Joins adjacent leaves within a block.
     fn within(&mut self, at: usize, block: Bounds) {
         if let Some((by, halves)) = self.halves(at, block) {
             halves.iter().for_each(|(at, block)| self.within(*at, *block));
@@ -145,7 +146,8 @@ impl Components<'_> {
         }
     }
 
-    /// Joins what touches on the wall between two blocks, the first of which is the lower one along the axis.
+    /// Joins adjacent leaves across the wall between two blocks, the first of which is the lower
+    /// one along the axis.
     fn across(&mut self, axis: usize, sides: [(usize, Bounds); 2]) {
         let [(a, a_block), (b, b_block)] = sides;
         let have_common = |other: usize| {
@@ -174,7 +176,7 @@ impl Components<'_> {
     }
 }
 
-/// Classes and numbers of cells of all components that share faces, sorted.
+/// Returns classes and cell counts of all face-connected components, sorted.
 fn by_bintree(tree: &Bintree, space: Bounds, class: fn(Value) -> Option<u8>) -> Vec<(u8, u64)> {
     let nodes = tree.nodes();
     let mut found = Components { nodes, class, parents: (0..nodes.len()).collect() };
@@ -229,7 +231,7 @@ fn item_45_components_of_random_trees() {
     assert!(count > 1000, "{count}");
 }
 
-/// A solid, whose cells hang together where they are at least half full.
+/// A solid, whose cells are connected if they are at least half full.
 #[test]
 fn item_45_components_of_a_solid() {
     let ball = spinney::open(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/v1/ball.goblin")).unwrap();

@@ -1,5 +1,6 @@
-//! BSP trees of the survey: lines `a x + b y + c = 0` that divide the plane, what is not negative on the right, what is negative on the left; cells are
-//! convex polygons. Planes do the same to space, for what hides what.
+//! BSP trees of the survey: lines `a x + b y + c = 0` divide the plane into non-negative (right)
+//! and negative (left) sides; cells are convex polygons. Planes do the same in space, for
+//! visibility order.
 
 use spinney::raw::partitions::{BinaryNode, Bsp, Seen};
 use spinney::raw::tree::df;
@@ -27,13 +28,13 @@ fn item_14_descriptors_and_sides() {
             assert_eq!(tree.locate([place[0], place[1], 0]), at);
         }
     }
-    // What is on the right of a segment, as one goes along it where y goes up, is on the side that is not negative.
+    // The right side of a segment, for a direction in which y increases, is the non-negative side.
     let tree = Bsp::of_segments(&[[[2, 0], [2, 9]]]).unwrap();
     let [left, on, right] = [1, 2, 3].map(|x| tree.locate([x, 5, 0]));
     assert_eq!((left, on, right), (1, 2, 2));
 }
 
-/// Each cell is convex: between two of its points there is no other.
+/// Each cell is convex: the midpoint of two of its points is in it.
 #[test]
 fn item_14_cells_are_convex() {
     let mut random = Random(1414);
@@ -41,7 +42,7 @@ fn item_14_cells_are_convex() {
     let segments: Vec<_> = (0..12).map(|_| [point(), point()]).filter(|[p, q]| p != q).collect();
     let tree = Bsp::of_segments(&segments).unwrap();
     for _ in 0..20_000 {
-        // (Ends with a middle on the grid.)
+        // End points whose midpoint is on the grid.
         let ([ax, ay], [bx, by]) = (point(), point());
         let (bx, by) = (bx + (ax + bx) % 2, by + (ay + by) % 2);
         let cell = tree.locate([ax, ay, 0]);
@@ -51,7 +52,7 @@ fn item_14_cells_are_convex() {
     }
 }
 
-/// The order in which cubes in a row are drawn, from either end.
+/// The drawing order of cubes in a row, from either end.
 #[test]
 fn item_14_what_hides_what() {
     let cube = |x: i32| {
@@ -61,7 +62,7 @@ fn item_14_what_hides_what() {
     };
     let faces: Vec<_> = [10, 0, 20, 5, 15].into_iter().flat_map(cube).collect();
     let tree = Bsp::of_faces(&faces).unwrap();
-    // The faces that are turned to the eye, which are those across its way.
+    // The faces towards the eye, perpendicular to the viewing direction.
     let seen_from = |x: i32, side: usize| {
         let mut cubes = Vec::new();
         tree.back_to_front([x, 5, 5], &mut |what| {
@@ -76,7 +77,7 @@ fn item_14_what_hides_what() {
     };
     assert_eq!(seen_from(1000, 1), [1, 3, 0, 4, 2]);
     assert_eq!(seen_from(0, 0)[..4], [2, 4, 0, 3]);
-    // From far away, the same; also of triangles that are no closed surface.
+    // The same from infinity, also for triangles that form no closed surface.
     let triangles: Vec<_> = [10, 0, 20, 5, 15].map(|x| [[x, 4, 4], [x, 8, 4], [x, 4, 8]]).to_vec();
     let tree = Bsp::of_triangles(&triangles).unwrap();
     for (direction, order) in [([1, 0, 0], [1, 3, 0, 4, 2]), ([-5, 1, 2], [2, 4, 0, 3, 1])] {
@@ -104,6 +105,6 @@ fn item_14_a_polygon_as_a_quadtree() {
     let path = folder.path().join("kite.goblin");
     let options = BuildOptions::new(DataKind::Categorical, 3);
     let tally = build_source(&blocks, [8, 8, 1], &options, Output::create(&path).unwrap(), &()).unwrap();
-    // (Sixteen cells have their centres on an edge, which is outside.)
+    // Sixteen cells have their centres on an edge, which is outside.
     assert_eq!(tally.cells, 24);
 }

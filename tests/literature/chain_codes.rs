@@ -1,4 +1,5 @@
-//! Item 18 of the survey's operations: trees are built from chain codes, of outlines and of lines that are rasterized to them.
+//! Item 18 of the survey's operations: trees are built from chain codes of outlines and of
+//! rasterized lines.
 
 use std::path::Path;
 
@@ -11,7 +12,7 @@ use spinney::{
     Bounds, BuildOptions, Crs, DataKind, Dimension, Frame, Metadata, Output, SampleType, TreeType, ValueType,
 };
 
-/// A picture in one slab.
+/// An image in one slab.
 struct Picture {
     extent: [u64; 3],
     cells: Option<Vec<u8>>,
@@ -29,7 +30,7 @@ impl Slabs for Picture {
     }
 }
 
-/// Classes of u16 in squares of several sizes, 0 being VOID.
+/// Returns u16 classes in squares of several sizes; 0 is VOID.
 fn classes(seed: u64, [width, height]: [u64; 2]) -> Vec<u16> {
     let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
     let mut next = |bound: u64| {
@@ -58,7 +59,7 @@ fn build(cells: &[u16], size: [u64; 2], metadata: Metadata, path: &Path) {
         .unwrap();
 }
 
-/// The cells of a level of a tree, 0 where they are VOID.
+/// Returns the cells of a tree level; 0 is VOID.
 fn cells(path: &Path, level: u8) -> Vec<u16> {
     let tree = spinney::open(path).unwrap();
     let bounds = tree.extent_at(level);
@@ -117,7 +118,7 @@ fn item_18_trees_come_back_from_their_chain_codes() {
 
 #[test]
 fn item_18_an_outline_is_filled_as_the_plane_is() {
-    // A walk of 8 directions with notches; a model asks point by point what is inside.
+    // A closed path in 8 directions with notches; a model tests each point.
     let folder = tempfile::tempdir().unwrap();
     let [text, tree] = ["outline.chain", "outline.goblin"].map(|name| folder.path().join(name));
     let chain = "55555556777777111077111111122333335444444";
@@ -142,7 +143,7 @@ fn item_18_an_outline_is_filled_as_the_plane_is() {
     let is_inside = |[x, y]: [i64; 2]| {
         let mut is_inside = corners.contains(&[x, y]);
         if !is_inside {
-            // A ray a little below the row, which goes through no corner.
+            // A ray slightly below the row meets no vertex.
             for pair in corners.windows(2) {
                 let ([ax, ay], [bx, by]) = (pair[0], pair[1]);
                 let at = |y: f64| ax as f64 + (y - ay as f64) * (bx - ax) as f64 / (by - ay) as f64;
@@ -177,7 +178,8 @@ fn item_18_lines_become_a_chain_code_and_a_tree() {
     let made = spinney::open(&tree).unwrap();
     assert_eq!(made.header().extent, [40, 30, 1]);
     let found = cells(&tree, made.depth());
-    // The traditional algorithm by its definition: in each column of a flat segment the cell whose centre is nearest.
+    // The traditional algorithm by its definition: in each column of a flat segment, the cell with
+    // the nearest centre.
     let mut expected = vec![0u16; 1200];
     for x in 2..=20u64 {
         let y = (3.0 + (x - 2) as f64 * 6.0 / 18.0 + 0.5).floor() as u64;
@@ -186,7 +188,7 @@ fn item_18_lines_become_a_chain_code_and_a_tree() {
     (9..=25).for_each(|y| expected[y * 40 + 20] = 300);
     (20..40).for_each(|x| expected[25 * 40 + x] = 300);
     assert_eq!(found, expected);
-    // (A box of the picture and what is around it are the same cells by any door.)
+    // A box of the image and its surroundings are the same cells in either API.
     let mut part = vec![0u8; 2 * 4];
     made.window(made.depth(), &Bounds { min: [19, 25, 0], max: [21, 27, 1] }, 0.0, &mut part, None).unwrap();
     assert_eq!(part, [0, 0, 44, 1, 0, 0, 0, 0]);

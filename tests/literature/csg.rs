@@ -1,4 +1,5 @@
-//! Solids of primitives: octrees by classification of blocks, set operations on them, and exact models.
+//! Solids of primitives: octrees by classification of blocks, set operations on them, and exact
+//! models.
 
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// The octree of a text.
+    /// Returns the octree of an expression.
     fn cells(&self, text: &str, resolution: Resolution, edge: EdgeRule) -> Dataset {
         let mut options = SolidOptions::new();
         (options.resolution, options.edge) = (resolution, edge);
@@ -36,7 +37,7 @@ impl Folder {
         spinney::open(&path).unwrap()
     }
 
-    /// The exact model of a text.
+    /// Returns the exact model of an expression.
     fn exact(&self, text: &str, deviation: f64) -> (ExactModel, CsgExactReport) {
         let mut options = CsgExactOptions::new();
         options.deviation = Some(deviation);
@@ -54,7 +55,7 @@ fn volume_of(model: &ExactModel) -> f64 {
     MassProperties::of(model, &()).unwrap().volume
 }
 
-/// Texts of primitives, with volume, area of the surface, and whether they are planar.
+/// Returns expressions of primitives, with volume, surface area, and whether they are planar.
 fn primitives() -> Vec<(&'static str, f64, f64, bool)> {
     let cone = |low: f64, high: f64, height: f64| {
         let slant = ((high - low).powi(2) + height * height).sqrt();
@@ -77,8 +78,8 @@ fn primitives() -> Vec<(&'static str, f64, f64, bool)> {
     ]
 }
 
-/// Cells whose centre is inside: what a surface of a solid is off by, at most, is half of the cells that it passes, and in
-/// practice a small part of these, which becomes less with the cells.
+/// Cells with their centre inside: the volume error is at most half of the cells that the surface
+/// cuts, and in practice a small fraction of it, which decreases with cell size.
 #[test]
 fn volumes_of_primitives() {
     let folder = Folder::new();
@@ -95,14 +96,15 @@ fn volumes_of_primitives() {
             let tree = folder.cells(text, Resolution::Depth(depth), EdgeRule::Area);
             let cell = tree.metadata().frame.linear().col(0).length();
             let error = (volume(&tree) - exact).abs();
-            // (A cell has one of 255 values.)
+            // A cell has one of 255 values.
             assert!(error < 0.05 * area * cell, "{text} at {depth}: off by {error} of {exact}, by area");
         }
         assert!(errors[2] <= errors[0].max(1e-3) && errors[2] < 0.01, "{text}: {errors:?}");
     }
 }
 
-/// Octrees of FULL, VOID and MIXED nodes on one grid: what is combined cell by cell is what the text tells.
+/// Octrees of FULL, VOID and MIXED nodes on one grid: combining them cell by cell gives the octree
+/// of the expression.
 #[test]
 fn item_43_set_operations_by_nodes() {
     let (one, other) = ("ball(3,3,3, 2.5)", "union(block(2,2,0, 6,4,5), torus(3,3,3, 1,1,1, 2, 0.6))");
@@ -135,7 +137,8 @@ fn item_43_set_operations_by_nodes() {
     }
 }
 
-/// The extended octree has planes in its leaves, and is made from the text by exact set operations of polyhedra.
+/// The extended octree has planes in its leaves, and is built from the expression by exact set
+/// operations on polyhedra.
 #[test]
 fn item_42_extended_octree() {
     let folder = Folder::new();
@@ -158,7 +161,7 @@ fn exact_models_of_primitives() {
         for deviation in [0.05, 0.005] {
             let (model, report) = folder.exact(text, deviation);
             let found = volume_of(&model);
-            // (Corners that are moved by half a step move surfaces by no more.)
+            // Moving vertices by half a grid unit moves surfaces by no more.
             let error = exact - found;
             let moved = 2.0 * area * report.displacement.max(1e-15);
             let most = if is_planar { moved } else { area * deviation };
@@ -184,7 +187,7 @@ fn cells_and_exact_models_agree() {
         "let rod = cylinder(0,0,-3, 0,0,3, 0.5); intersection(ball(0,0,0, 2), complement(union(rod, rotate(1,0,0, 90, rod), rotate(0,1,0, 90, rod))))",
         "bounds(-2,-2,-2, 2,2,2); complement(ball(0,0,0, 1.5))",
         "difference(mirror(1,1,0, prism([[0,0],[3,0],[3,1],[1,1],[1,3],[0,3]], 0, 2)), half_space(0,0,-1, -1.5))",
-        // A star that goes around its middle twice, which is outside.
+        // A star with winding number 2 in its centre, which counts as outside.
         "prism([[0,3],[1.763,-2.427],[-2.853,0.927],[2.853,0.927],[-1.763,-2.427]], 0, 1)",
         "xor(complement(ball(0,0,0, 1)), complement(ball(1,0,0, 1)))",
     ] {
@@ -197,7 +200,7 @@ fn cells_and_exact_models_agree() {
     }
 }
 
-/// Set operations of many bodies at once, in groups, keep all of them.
+/// Set operations on many solids at once, in groups, include all of them.
 #[test]
 fn many_bodies() {
     let folder = Folder::new();

@@ -1,4 +1,4 @@
-//! Drawings of the 1991 paper's bodies: all edges, edges without what is hidden, and the blocks of the octree.
+//! Drawings of the 1991 paper's solids: all edges, visible edges, and the octree's blocks.
 
 use std::path::PathBuf;
 
@@ -7,11 +7,11 @@ use spinney::{DataKind, Frame, Rule};
 use crate::common::command::{complaint, stdout};
 use crate::common::{OCT, byte, made, write_goblin};
 
-/// The body with a hole of the paper's figure 26.
+/// The solid with a hole of the paper's figure 26.
 const HOLE: &str = "unit(mm); difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))";
-/// A drawing without it.
+/// The same without the hole.
 const BLOCK: &str = "unit(mm); block(0,0,0, 8,8,4)";
-/// The concave body of figure 27.
+/// The concave solid of figure 27.
 const CONCAVE: &str = "unit(mm); sweep([[0,0],[8,0],[8,3],[3,3],[3,5],[6,5],[6,8],[0,8]], 0,0,4)";
 
 struct Folder(tempfile::TempDir);
@@ -25,7 +25,7 @@ impl Folder {
         self.0.path().join(name)
     }
 
-    /// The file of a text, built with some options.
+    /// Builds a file from an expression with options.
     fn built(&self, name: &str, text: &str, options: &[&str]) -> String {
         let [csg, tree] = ["csg", "goblin"]
             .map(|ending| self.path(name).with_extension(ending).to_str().unwrap().to_string());
@@ -51,12 +51,12 @@ impl Folder {
     }
 }
 
-/// Segments of the lines of a drawing.
+/// Counts the line segments of a drawing.
 fn segments(svg: &str) -> usize {
     svg.lines().filter(|line| line.contains("fill=\"none\"")).map(|line| line.matches('L').count()).sum()
 }
 
-/// Edges between faces of one plane are none, however faces were divided.
+/// Edges between coplanar faces are omitted, however faces were divided.
 #[test]
 fn item_53_wireframes_have_every_edge_once() {
     let folder = Folder::new();
@@ -66,14 +66,15 @@ fn item_53_wireframes_have_every_edge_once() {
     }
 }
 
-/// A convex body shows three faces, each with its outline; what is behind it is not seen.
+/// A convex solid shows three faces, each with its outline; hidden edges are omitted.
 #[test]
 fn item_53_hidden_lines_are_hidden() {
     let folder = Folder::new();
     let [hole, block, concave] =
         [("hole", HOLE), ("block", BLOCK), ("concave", CONCAVE)].map(|(name, text)| folder.exact(name, text));
     assert_eq!(segments(&folder.svg(&block, &["--drawing", "hidden-lines"])), 12);
-    // Along the horizon, the hole is behind the front, and so is the notch from the west; from above, and from the east, they are seen.
+    // From the horizon, the front hides the hole, and from the west the notch; from above, and from
+    // the east, they are visible.
     for projection in [&["--orthographic"][..], &[]] {
         let drawn = |tree: &str, from: &str, drawing: &str| {
             let options = [&["--drawing", drawing, "--from", from], projection].concat();
@@ -87,7 +88,7 @@ fn item_53_hidden_lines_are_hidden() {
     }
 }
 
-/// As much of the paper is covered as the body covers, as seen from above, whatever the blocks are.
+/// The drawing covers the same area as the solid seen from above, whatever the blocks are.
 #[test]
 fn item_53_octants() {
     let folder = Folder::new();
@@ -100,13 +101,14 @@ fn item_53_octants() {
         let full = covered(&folder.built("block", BLOCK, options), level);
         for (name, text, share) in [("hole", HOLE, 1.0 - 8.0 / 64.0), ("concave", CONCAVE, 48.0 / 64.0)] {
             let found = covered(&folder.built(name, text, options), level) / full;
-            // (Lines are a little wider than what they go around.)
+            // Lines are slightly wider than the areas they enclose.
             assert!((found - share).abs() < 0.01, "{name}: {found} instead of {share}");
         }
     }
 }
 
-/// A block that is inside is drawn whole, also in a leaf with faces: the body is four octants of level 2, of which eight sides are seen.
+/// An inside block is drawn whole, also in a leaf with faces: the solid is four octants of level 2,
+/// with eight visible sides.
 #[test]
 fn item_53_octants_are_as_large_as_they_can_be() {
     let folder = Folder::new();
@@ -117,13 +119,14 @@ fn item_53_octants_are_as_large_as_they_can_be() {
     }
 }
 
-/// The 1991 paper numbers octants with x in the highest bit, and has octant 4 hidden: from the north-west and above, that is the one.
+/// The 1991 paper numbers octants with x in the highest bit, and hides octant 4: that corresponds
+/// to a view from the north-west and above.
 #[test]
 fn item_44_octant_4_is_hidden() {
     let folder = Folder::new();
     let without = |octant: Option<u64>| {
         let number = |[x, y, z]: [u64; 3]| 4 * x + 2 * y + z;
-        // (Each has a colour of its own, or all would be one block.)
+        // Each has its own colour, otherwise all would be one block.
         let cells = made(OCT, [2; 3], |cell| {
             let number = number(cell);
             (Some(number) != octant).then(|| byte(100 + number as u8))
@@ -138,7 +141,7 @@ fn item_44_octant_4_is_hidden() {
     assert_eq!(hidden, [4]);
 }
 
-/// Drawings that would be too large are refused, and so are those of things without edges.
+/// Drawings that would be too large are rejected, and so are inputs without edges.
 #[test]
 fn item_53_limits() {
     let folder = Folder::new();
@@ -157,7 +160,7 @@ fn item_53_limits() {
     assert!(!folder.path("out.svg").exists());
 }
 
-/// Transparent paper, lines of white on black, and every format.
+/// Transparent background, white lines on black, and every format.
 #[test]
 fn item_53_paper() {
     let folder = Folder::new();

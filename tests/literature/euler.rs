@@ -1,10 +1,12 @@
-//! Euler operators, by which the paper's modeller made its bodies: a block, and a block with a hole, from one point and back.
+//! Euler operators, with which the paper's modeller builds solids: a block, and a block with a
+//! hole, from one point and back.
 
 use spinney::brep::{Face, Grid};
 use spinney::raw::brep::FaceList;
 use spinney::raw::brep::topology::{Counts, EulerBody, EulerCorner, Topology, TopologyOptions};
 
-/// Makes the sides of a prism on a ring, of which a half-edge is given; the ring's face becomes the one at the other end.
+/// Extrudes a ring, given by a half-edge, to the sides of a prism; the ring's face becomes the one
+/// at the other end.
 fn raise(body: &mut EulerBody, first: u32, by: [i32; 3]) {
     let mut ring = vec![first];
     loop {
@@ -27,8 +29,8 @@ fn raise(body: &mut EulerBody, first: u32, by: [i32; 3]) {
     }
 }
 
-/// A ring from the vertex of a corner through these points, counterclockwise; what is inside of it is a face of its own where it is an inner one, and else what is
-/// outside. Returns a half-edge of the inside.
+/// Draws a counterclockwise ring from a corner's vertex through these points. Its inside becomes a
+/// new face if `is_inner`, otherwise its outside. Returns a half-edge of the inside.
 fn outline(body: &mut EulerBody, start: EulerCorner, points: [[i32; 3]; 3], is_inner: bool) -> u32 {
     let first = body.make_edge_vertex(start, points[0]).unwrap();
     let last = points[1..].iter().fold(first, |last, point| {
@@ -42,7 +44,7 @@ fn outline(body: &mut EulerBody, start: EulerCorner, points: [[i32; 3]; 3], is_i
     }
 }
 
-/// The topology that is found of the same faces by themselves.
+/// Returns the topology computed from the faces alone.
 fn topology(body: &EulerBody) -> Topology {
     let mut faces = FaceList::new(Grid::over([[0.0; 3], [16.0; 3]], Some(1.0)).unwrap(), vec!["body".into()]);
     for rings in body.faces() {
@@ -60,7 +62,7 @@ fn topology(body: &EulerBody) -> Topology {
     Topology::of(&faces, &TopologyOptions::default(), &()).unwrap()
 }
 
-/// Its counts.
+/// Returns its counts.
 fn found(body: &EulerBody) -> (Counts, u64) {
     let topology = topology(body);
     assert!(topology.is_closed());
@@ -75,17 +77,17 @@ fn found(body: &EulerBody) -> (Counts, u64) {
     (counts, euler.genus.unwrap())
 }
 
-/// A block; returns half-edges of its upper face and of the lower one.
+/// Makes a block. Returns half-edges of its upper and its lower face.
 fn block(body: &mut EulerBody) -> [u32; 2] {
     let (_, ring) = body.make_solid([0, 0, 0]);
     let first = outline(body, EulerCorner::Lone(ring), [[8, 0, 0], [8, 8, 0], [0, 8, 0]], false);
     raise(body, first, [0, 0, 4]);
-    // (Over the side beside it.)
+    // Via the adjacent side.
     let side = body.next(body.next(first).unwrap()).unwrap();
     [side ^ 1, first ^ 1]
 }
 
-/// The rings of all faces, wherever they begin.
+/// Returns the rings of all faces, independent of their starts.
 fn rings(body: &EulerBody) -> Vec<Vec<Vec<[i32; 3]>>> {
     let mut faces = body.faces();
     for ring in faces.iter_mut().flatten() {
@@ -95,7 +97,7 @@ fn rings(body: &EulerBody) -> Vec<Vec<Vec<[i32; 3]>>> {
     faces
 }
 
-/// Takes all steps back, and counts them.
+/// Undoes all operations and counts them.
 fn undo(body: &mut EulerBody) -> u64 {
     let mut steps = 0;
     while body.undo() {
@@ -114,11 +116,12 @@ fn item_59_a_block_by_euler_operators() {
     let counts = body.counts();
     assert_eq!((counts.vertices, counts.edges, counts.faces, counts.rings), (8, 12, 6, 0));
     assert_eq!(found(&body), (counts, 0));
-    // A vertex or a face with each edge, and what it began with.
+    // One per edge, with a vertex or a face, and the initial one.
     assert_eq!(undo(&mut body), 1 + 12);
 }
 
-/// The Ukrainian paper's row of an edge: both ends, the faces left and right of it, and the edges before and after it in these, which are passed clockwise there.
+/// The Ukrainian paper's row of an edge: both ends, the faces to its left and right, and the
+/// previous and next edges in these, which are traversed clockwise there.
 #[test]
 fn item_63_the_winged_edge_row() {
     let mut body = EulerBody::default();
@@ -126,7 +129,7 @@ fn item_63_the_winged_edge_row() {
     let found = topology(&body);
     let faces = body.faces();
     let ends = |half: u32| [found.origin(half), found.target(half)].map(|vertex| found.point(vertex));
-    // The edge that comes after another one where a face is passed clockwise, and the one before it.
+    // The next and the previous edge of an edge in a clockwise traversal of a face.
     let beside = |from: [i32; 3], to: [i32; 3]| {
         let clockwise = |rings: &Vec<Vec<[i32; 3]>>| rings[0].iter().rev().copied().collect::<Vec<_>>();
         let ring = faces
@@ -140,7 +143,7 @@ fn item_63_the_winged_edge_row() {
     for half in 0..found.half_edges() {
         let (twin, [x, y]) = (found.twin(half).unwrap(), ends(half));
         assert_eq!(ends(twin), [y, x]);
-        // On the left, the edge is passed from Y to X.
+        // In the left face, the edge is traversed from Y to X.
         for (side, from, to) in [(half, y, x), (twin, x, y)] {
             let [before, after] = beside(from, to);
             assert_eq!(ends(found.next(side)), [from, before]);
@@ -151,7 +154,8 @@ fn item_63_the_winged_edge_row() {
     }
 }
 
-/// The paper's body with a hole: a ring on the upper face, sunk down to the lower one, of which its floor becomes a hole.
+/// The paper's solid with a hole: a ring on the upper face is sunk to the lower one, where its
+/// floor becomes a hole.
 #[test]
 fn item_63_a_block_with_a_hole_by_euler_operators() {
     let mut body = EulerBody::default();
@@ -169,15 +173,16 @@ fn item_63_a_block_with_a_hole_by_euler_operators() {
     assert_eq!((counts.vertices, counts.edges, counts.faces, counts.rings), (16, 24, 10, 2));
     assert_eq!((body.shells(), body.handles()), (1, 1));
     assert_eq!(found(&body), (counts, 1));
-    // A step back, and on again.
+    // Undo and redo.
     assert!(body.undo());
     assert_eq!((rings(&body), body.handles()), (before, 0));
     body.kill_face_make_ring(body.face(bottom).unwrap(), floor).unwrap();
-    // 24 edges with a vertex or a face each, one that was killed, what it began with, and the handle.
+    // 24 edges with a vertex or a face each, one killed edge, the initial operation, and the
+    // handle.
     assert_eq!(undo(&mut body), 24 + 2 + 1 + 1);
 }
 
-/// Each operator and its inverse, by hand.
+/// Each operator and its inverse, called directly.
 #[test]
 fn item_63_operators_have_inverses() {
     let mut body = EulerBody::default();
@@ -193,13 +198,13 @@ fn item_63_operators_have_inverses() {
     assert_eq!(body.counts().faces, counts.faces + 1);
     body.kill_edge_face(diagonal).unwrap();
     assert_eq!((body.counts(), rings(&body)), (counts, whole));
-    // kemr, mekr: a lone point in a face.
+    // kemr, mekr: an isolated point in a face.
     let strut = body.make_edge_vertex(EulerCorner::Of(top), [2, 3, 4]).unwrap();
     let ring = body.kill_edge_make_ring(strut).unwrap();
     assert_eq!((body.counts().rings, body.shells()), (1, 1));
     body.make_edge_kill_ring(EulerCorner::Of(top), EulerCorner::Lone(ring)).unwrap();
     assert_eq!((body.counts().rings, body.is_lawful()), (0, true));
-    // kfmrh of two bodies: one shell, which is parted again.
+    // kfmrh of two solids: one shell, which is split again.
     let before = body.counts();
     let (face, _) = body.make_solid([20, 0, 0]);
     let own = body.face(top).unwrap();

@@ -1,4 +1,5 @@
-//! Tyukachev's indices of sets and of boundaries: which parts of two surfaces a set operation takes.
+//! Tyukachev's indices of sets and of boundaries: which boundary components of two surfaces a set
+//! operation selects.
 
 use std::path::{Path, PathBuf};
 
@@ -11,10 +12,12 @@ use spinney::{CombineOperation, ExactModel, SetOperation};
 use crate::common::command::{complaint, stdout};
 use crate::common::{QUAD, assert_same, byte, cells_of, combined, made, seen, set_operation, view_of_cells};
 
-/// The sets on the two sides of boundaries with each index, 1 to 5. (Misprinted: index 3 has the complement, where the paper says the intersection, and two pairs.)
+/// The sets on both sides of the boundaries with each index, 1 to 5. Corrects a misprint: index 3
+/// has the complement, where the paper says the intersection, and two pairs.
 const PAIRS: [&[[u8; 2]]; 5] = [&[[0, 1]], &[[0, 2]], &[[0, 3], [1, 2]], &[[1, 3]], &[[2, 3]]];
 
-/// Cells of the four sets in the order of their indices: A is the sets 0 and 1, or 3, B is 0 and 2, or 5, and each operation has the sets whose bits its number has.
+/// Cells of the four sets in index order: A consists of the sets 0 and 1, or 3; B of 0 and 2, or 5;
+/// and each operation has the sets whose bits its number has.
 #[test]
 fn item_55_operations_are_numbered_by_their_sets() {
     let cells = |sets: u8| {
@@ -41,7 +44,7 @@ fn item_56_indices_of_boundaries() {
     }
 }
 
-/// The theorem: the result has the boundaries between sets of which it has one and not the other.
+/// The theorem: the result has the boundaries between sets of which exactly one belongs to it.
 #[test]
 fn item_57_the_theorem_of_indices() {
     for operation in SetOperation::ALL {
@@ -59,21 +62,23 @@ fn item_57_the_theorem_of_indices() {
         taken.sort_unstable();
         taken
     };
-    // The paper's rows of the intersection and of the symmetric difference. Of what has index 3, the first has faces that look the same way, and the second neither.
+    // The paper's rows of the intersection and of the symmetric difference. For index 3, the
+    // intersection has the faces with equal orientation, and the difference none.
     assert_eq!(indices(SetOperation::Intersection), [(1, [0, 1]), (2, [0, 2]), (3, [0, 3])]);
     assert_eq!(
         indices(SetOperation::SymmetricDifference),
         [(1, [0, 1]), (2, [0, 2]), (4, [1, 3]), (5, [2, 3])]
     );
-    // Nothing and everything have no boundary, not even in single points.
+    // The empty set and the whole space have no boundary, not even in single points.
     assert!(indices(SetOperation::Empty).is_empty() && indices(SetOperation::Everything).is_empty());
 }
 
-/// Two bodies with every part of boundaries, whose areas tell which of them a result has.
+/// Two solids with all kinds of boundary components, whose areas identify which of them a result
+/// has.
 const A: &str = "block(0,0,0, 4,4,4)";
 const B: &str = "union(block(2,1,0, 7,3,3), block(-2,1,1, 0,2,2))";
 
-/// Areas of the parts of their boundaries, in the order of [`boundary_parts`]: no two sums of some are the same.
+/// Areas of their boundary components, in the order of [`boundary_parts`]. All subset sums differ.
 const AREAS: [f64; 6] = [85.0, 6.0, 45.0, 22.0, 4.0, 1.0];
 /// Volumes of the sets.
 const VOLUMES: [f64; 3] = [12.0, 52.0, 20.0];
@@ -88,7 +93,7 @@ fn bodies(folder: &Path) -> [String; 2] {
     })
 }
 
-/// All sixteen results have the faces that the table says, and no others.
+/// All sixteen results have exactly the faces that the table lists.
 #[test]
 fn item_57_faces_of_all_sixteen_operations() {
     let folder = tempfile::tempdir().unwrap();
@@ -146,21 +151,22 @@ fn exact(folder: &Path, name: &str, text: &str) -> String {
     model
 }
 
-/// After the section, its segments are edges of both bodies, which are whole, and the same.
+/// After splitting, the section's segments are edges of both solids, which are complete and
+/// unchanged.
 #[test]
 fn item_63_sections_are_edges_of_both() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let [a2, b2, rest] = ["a2.goblin", "b2.goblin", "rest.goblin"].map(name);
     let pairs = [
-        // Three edges of each go through faces of the other one.
+        // Three edges of each pass through faces of the other.
         (A, "block(3,2,1, 9,8,7)", true),
         // A rod through a face, far from its edges: an island, and a hole around it.
         (A, "block(1,1,2, 2,3,9)", true),
-        // Walls that lie on each other, both ways, and a hole that the section does not go around.
+        // Coincident walls of both orientations, and a hole that the section does not enclose.
         ("difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))", B, true),
         ("difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))", "block(4,-1,1, 5,9,9)", true),
-        // Corners beside the grid.
+        // Off-grid vertices.
         (A, "rotate(1,2,3, 40, block(1,1,1, 5,4,6))", false),
         ("rotate(3,1,2, 70, block(0,0,0, 4,4,4))", "cylinder(1,1,-3, 2,1,7, 1)", false),
     ];
@@ -179,7 +185,7 @@ fn item_63_sections_are_edges_of_both() {
             } else {
                 assert!((was.volume - is.volume).abs() < 1e-9 * was.volume, "{one} {other}");
             }
-            // The same body, exactly.
+            // The same solid, exactly.
             stdout(&["combine", "-q", "xor", before, after, "-o", &rest]);
             assert_eq!(open(&rest).len(), 0, "{one} {other}");
             let topology = Topology::of(&model, &TopologyOptions::default(), &()).unwrap();
@@ -198,7 +204,7 @@ fn item_63_sections_are_edges_of_both() {
         if !is_on_grid {
             continue;
         }
-        // Divided once more, nothing changes.
+        // Splitting again changes nothing.
         let a3 = name("a3.goblin");
         stdout(&["section", "-q", &a2, &b2, "--split", &a3]);
         assert_eq!(open(&a3).len(), open(&a2).len(), "{one} {other}");

@@ -4,7 +4,7 @@ use crate::structures::lines::{EdgeLeaf, EdgeTree, PmRule};
 
 type Edge<const N: usize> = [[i32; N]; 2];
 
-/// Random edges of vertices below 2^depth, with a fixed seed.
+/// Returns random edges with vertices below 2^depth, with a fixed seed.
 fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
     let mut state = seed;
     let mut random = || {
@@ -14,7 +14,7 @@ fn edges<const N: usize>(count: usize, depth: u8, seed: u64) -> Vec<Edge<N>> {
     (0..count).map(|_| [0; 2].map(|_| std::array::from_fn(|_| random()))).collect()
 }
 
-/// The vertices of edges that are in a leaf.
+/// Returns the edge vertices in a leaf.
 fn vertices_in<const N: usize>(leaf: &EdgeLeaf<N>) -> Vec<[i32; N]> {
     let has =
         |vertex: &[i32; N]| (0..N).all(|axis| (0..leaf.side).contains(&(vertex[axis] - leaf.corner[axis])));
@@ -36,7 +36,7 @@ fn item_11_leaves_have_one_line_or_one_vertex_with_its_lines() {
             _ => panic!("{leaf:?}"),
         }
     }
-    // Several lines that end in one vertex are in its leaf, however near.
+    // Several lines that end in one vertex share its leaf, however close they are.
     let star: Vec<Edge<2>> = (0..16).map(|end| [[8, 8], [end, 15]]).collect();
     let tree = EdgeTree::of(PmRule::Pm1, 4, star.iter().copied());
     let leaf = tree.leaves().into_iter().find(|leaf| vertices_in(leaf) == [[8, 8]]).unwrap();
@@ -49,7 +49,8 @@ fn item_11_each_rule_of_pm_quadtrees_allows_what_the_one_before_does() {
     let counts = [PmRule::Pm1, PmRule::Pm2, PmRule::Pm3]
         .map(|rule| EdgeTree::of(rule, 10, all.iter().copied()).counts().0);
     assert!(counts[0] >= counts[1] && counts[1] >= counts[2] && counts[0] > counts[2], "{counts:?}");
-    // Lines that cross without a vertex: the first two rules divide as far as they can, the third not at all.
+    // Lines that cross without a vertex: the first two rules subdivide to the maximum depth, the
+    // third not at all.
     let cross: [Edge<2>; 2] = [[[0, 0], [15, 15]], [[0, 15], [15, 0]]];
     let depth = |rule| EdgeTree::of(rule, 4, cross).leaves().iter().map(|leaf| leaf.side).min();
     assert_eq!([PmRule::Pm1, PmRule::Pm2].map(depth), [Some(1), Some(1)]);
@@ -74,7 +75,7 @@ fn item_11_buckets_have_at_most_so_many_lines() {
 
 #[test]
 fn item_12_octants_have_a_part_of_one_edge() {
-    // The edges of a cube: leaves have a part of one edge, or a corner, at which three meet.
+    // The edges of a cube: leaves have a segment of one edge, or a corner at which three meet.
     let corner =
         |number: usize| -> [i32; 3] { std::array::from_fn(|axis| 3 + 24 * (number >> axis & 1) as i32) };
     let cube = (0..8usize).flat_map(|number| {
@@ -87,7 +88,7 @@ fn item_12_octants_have_a_part_of_one_edge() {
     let leaves = tree.leaves();
     assert_eq!(leaves.iter().filter(|leaf| vertices_in(leaf).len() == 1 && leaf.edges.len() == 3).count(), 8);
     assert!(leaves.iter().all(|leaf| leaf.edges.len() == 1 || vertices_in(leaf).len() == 1));
-    // Edges at random, which hardly ever meet.
+    // Random edges, which hardly ever meet.
     for leaf in
         EdgeTree::of(PmRule::Pm1, 9, edges::<3>(40, 9, 6)).leaves().iter().filter(|leaf| leaf.side > 1)
     {
@@ -107,11 +108,11 @@ fn item_17_blocks_without_lines_are_white_pixels_with_lines_black_others_are_div
     let tree = EdgeTree::of(PmRule::Pixels, 2, lines);
     assert_eq!(tree.to_df_expression(), "GGBBWWGBBWWWGBWBW");
     assert!(tree.leaves().iter().all(|leaf| leaf.side == 1));
-    // The same with descriptors of lines in the leaves: of a block with one line, there is no need to divide it.
+    // The same with line descriptors in the leaves: blocks with one line need no subdivision.
     let tree = EdgeTree::of(PmRule::Bucket(1), 2, lines);
     assert_eq!(tree.to_df_expression(), "GBBWB");
     assert_eq!(tree.leaves()[2].edges, [lines[1]]);
-    // Inserting line by line makes the tree of all.
+    // Inserting line by line gives the same tree as all lines at once.
     let all = edges::<2>(30, 7, 2);
     let mut tree = EdgeTree::new(PmRule::Pixels, 7);
     assert!(all.iter().all(|edge| tree.insert(*edge)));

@@ -1,4 +1,5 @@
-//! The contents of the papers of `docs/literature.md`, item by item, held to worked examples and to models that follow the text.
+//! The contents of the papers in `docs/literature.md`, item by item, checked by worked examples and
+//! by models that follow the paper.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,5 +1,5 @@
-//! Operations on quadtrees and octrees as the survey describes them, node by node, and the same by Spinney's views and sources. (With all of their cases, held to
-//! arrays of cells: `tests/operations/`.)
+//! Operations on quadtrees and octrees as the survey describes them, node by node, compared with
+//! Spinney's views and sources. `tests/operations/` tests all their cases against cell arrays.
 
 use spinney::raw::ops::View;
 use spinney::raw::tree::df;
@@ -11,7 +11,7 @@ use crate::common::{
     view_of, view_of_cells,
 };
 
-/// A tree of one value as text: grey or MIXED, white or VOID, black or FULL.
+/// Returns a tree of one value as text: grey or MIXED, white or VOID, black or FULL.
 fn text(tree: &MemTree) -> String {
     df::to_text(tree, Some(byte(1))).unwrap()
 }
@@ -20,13 +20,13 @@ fn text_of(view: &View) -> String {
     text(&MemTree::from_source(view, Rule::Nearest).unwrap())
 }
 
-/// Cells of one value where they are of the least one, and VOID ones.
+/// Keeps cells that have the minimum value, and makes the others VOID.
 fn black(cells: &Cells) -> Cells {
     made(cells.form, cells.size, |cell| cells.get(cell).filter(|value| as_byte(*value) == 0).map(|_| byte(1)))
 }
 
-/// A node of the moved tree by the black nodes of the source that cover part of it: one that contains it makes it black, none makes it white, and else it is split; equal
-/// children are merged.
+/// Returns a node of the translated tree, by the black source nodes that overlap it: black if one
+/// contains it, white if none does, otherwise split; equal children are merged.
 fn translated(target: Bounds, sources: &[Bounds]) -> String {
     let covers = |source: &&Bounds| {
         (0..2).all(|axis| source.min[axis] < target.max[axis] && target.min[axis] < source.max[axis])
@@ -49,7 +49,7 @@ fn translated(target: Bounds, sources: &[Bounds]) -> String {
     merged('G', &children.collect::<Vec<_>>())
 }
 
-/// A node of children, or the leaf that all of them are.
+/// Returns a node of children, or a leaf if all are equal leaves.
 fn merged(inner: char, children: &[String]) -> String {
     match children[0].len() == 1 && children.iter().all(|child| *child == children[0]) {
         true => children[0].clone(),
@@ -89,8 +89,9 @@ fn item_20_translation_by_lists_of_source_nodes() {
     }
 }
 
-/// Twice as large, a quarter (or eighth) becomes the tree; in a space twice as large, the tree becomes its first child, and the others are VOID. Moved by half of that
-/// space, it becomes another one.
+/// Scaled by two, a quadrant (or octant) becomes the tree. In a space twice as large, the tree
+/// becomes its first child, and the others are VOID; translated by half of that space, it becomes
+/// another child.
 fn scaled_by_two(form: TreeType, size: u64) {
     let flat = |at: u64, beyond: u64| [at, at, if form.axes() == 3 { at } else { beyond }];
     let (grey, white) = if form.axes() == 3 { ('M', "V") } else { ('G', "W") };
@@ -119,7 +120,7 @@ fn item_40_scaling_by_two_takes_octrees_for_subtrees() {
     scaled_by_two(OCT, 16);
 }
 
-/// Trees whose cells lie over each other and whose nodes do not: the text has no algorithm for them.
+/// Trees with aligned cells but unaligned nodes: the paper has no algorithm for them.
 #[test]
 fn item_25_trees_that_are_not_aligned() {
     let size = [53, 47, 1];
@@ -144,7 +145,7 @@ fn item_25_trees_that_are_not_aligned() {
     }
 }
 
-/// Whether a block is in a ball, beside it, or neither; all in half cells.
+/// Classifies a block as inside a ball, outside, or neither, in units of half a cell.
 struct Ball {
     middle: [i64; 3],
     radius: i64,
@@ -165,7 +166,8 @@ impl Ball {
         }
     }
 
-    /// The survey's `maketree`, and condensation. (Misprinted: `code` is to be MIXED where a node is subdivided.)
+    /// The survey's `maketree`, and condensation. Corrects a misprint: `code` must be MIXED for a
+    /// subdivided node.
     fn maketree(&self, min: [i64; 3], side: i64, depth: u8) -> String {
         match self.classify(min, side) {
             Child::Void => "V".into(),
@@ -181,7 +183,7 @@ impl Ball {
     }
 }
 
-/// A ball as something that can be walked from the root down.
+/// A ball as a source that is traversed from the root.
 struct BallSource(Ball, u8);
 
 impl BallSource {
@@ -234,7 +236,8 @@ fn item_36_37_maketree_classifies_and_subdivides() {
     }
 }
 
-/// Union, intersection and complement, and the condensation after them, on blocks of which eight together are FULL.
+/// Union, intersection and complement, followed by condensation, on blocks of which eight together
+/// are FULL.
 #[test]
 fn item_38_results_are_condensed() {
     let octants = |mask: u8| {

@@ -2,7 +2,7 @@
 
 use crate::structures::points::{HalvingTree, PointQuadtree};
 
-/// Random numbers below a bound, with a fixed seed.
+/// Returns random numbers below a bound, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
@@ -75,8 +75,9 @@ fn item_10_windows_of_halving_trees_are_those_of_all_points() {
     }
 }
 
-/// The print says that the point quadtree "has the same properties as an ordinary quadtree". Of these it has that it finds what it holds; not that it depends on its contents alone, nor that its
-/// depth is bounded by the size of the space.
+/// The paper says that the point quadtree "has the same properties as an ordinary quadtree". It
+/// does find its points, but it depends on their order of insertion, and its depth is not bounded
+/// by the size of the space.
 #[test]
 fn item_10_only_halving_trees_depend_on_their_points_alone() {
     let forwards = points(300, 1000, 4);
@@ -86,9 +87,9 @@ fn item_10_only_halving_trees_depend_on_their_points_alone() {
     forwards.iter().for_each(|point| assert!(a.insert(*point)));
     backwards.iter().for_each(|point| assert!(b.insert(*point)));
     assert_eq!(a, b);
-    // (Whole numbers below 1024: ten halvings part them.)
+    // Integers below 1024: ten halvings separate them.
     assert!(a.depth() <= 10);
-    // In order of x and y both, each line leaves all others in one quadrant: a list.
+    // Sorted by both x and y, each point leaves all later ones in one quadrant: a list.
     let mut sorted: Vec<[f64; 2]> = (0..300).map(|step| [f64::from(step), f64::from(step)]).collect();
     let depth = |points: &[[f64; 2]]| {
         let mut tree = PointQuadtree::default();
@@ -111,7 +112,7 @@ fn item_10_equal_points_are_counted() {
     }
     assert_eq!((tree.len(), tree.depth(), tree.count([0.5, 0.5])), (1000, 1, 1000));
     assert_eq!((halving.len(), halving.depth(), halving.counts()), (1000, 0, (1, 0)));
-    // On lines that divide, and too near each other for the levels that there are.
+    // On dividing lines, and too close to each other for the number of levels.
     assert!(halving.insert([0.5 + 1e-9, 0.5, 0.5]) && !halving.insert([1.0, 0.0, 0.0]));
     assert_eq!((halving.len(), halving.depth()), (1001, 8));
     assert!(

@@ -1,8 +1,8 @@
-//! Every worked example of the literature that quadtrees and octrees of this kind come from, with the right
-//! values where the print is wrong.
+//! Every worked example of the literature on these quadtrees and octrees, with corrected values
+//! where the print has errors.
 //!
-//! "The survey" is P. Slavik's survey of hierarchical data structures (in Czech); "the 1991 papers" are those of
-//! Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
+//! "The survey" is P. Slavik's survey of hierarchical data structures (in Czech); "the 1991 papers"
+//! are those of Trstenjak, Zalik and Guid on octrees from boundary models (in Slovene).
 
 use spinney::Dimension::{Oct, Quad};
 use spinney::raw::store::goblin::Goblin;
@@ -29,7 +29,7 @@ fn picture_file() -> Goblin {
     Goblin::from_bytes(std::fs::read(&path).unwrap()).unwrap()
 }
 
-/// All nodes in preorder, with their codes.
+/// Returns all nodes in preorder, with their codes.
 fn nodes(tree: &MemTree) -> Vec<(Code, Child<usize>)> {
     let mut pending = vec![(Code::root(tree.form().dimension), tree.root().unwrap())];
     let mut nodes = Vec::new();
@@ -47,7 +47,8 @@ fn leaves(tree: &MemTree) -> usize {
     nodes(tree).iter().filter(|(_, place)| !place.is_inner()).count()
 }
 
-/// Nodes have four children or none; what is of one value, or one cell, is divided no more, and all else is.
+/// Nodes have four children or none; uniform nodes and single cells are not subdivided, all others
+/// are.
 #[test]
 fn item_1_nodes_have_four_children_or_none() {
     for seed in 0..20 {
@@ -87,7 +88,7 @@ fn item_6_codes_are_sums_of_digits() {
     }
 }
 
-/// Codes of leaves make the picture again where the background's are left out.
+/// Leaf codes without the background's reproduce the image.
 #[test]
 fn item_5_codes_of_leaves_without_the_background() {
     let tree = df::from_text(QUAD, DF, 3, byte(1), Rule::Dominant).unwrap();
@@ -105,7 +106,7 @@ fn item_5_codes_of_leaves_without_the_background() {
     assert_eq!(df::to_text(&again, Some(byte(1))).unwrap(), DF);
 }
 
-/// Four equal neighbours are merged, level by level: as many nodes stay as the file's builder has.
+/// Four equal siblings are merged, level by level: as many nodes remain as in the builder's file.
 #[test]
 fn item_15_equal_neighbours_are_merged() {
     for seed in 0..12 {
@@ -136,7 +137,7 @@ fn item_7_base_4_codes() {
     let code = Code::from_digits(Quad, [1, 0, 2, 3]).unwrap();
     assert_eq!(code.path(), 75);
     assert_eq!(Code::from_path(Quad, 4, 75), Some(code));
-    // The number alone does not tell the level.
+    // The number alone does not determine the level.
     let deeper = Code::from_digits(Quad, [0, 0, 0, 1, 0, 2, 3]).unwrap();
     assert_eq!(deeper.path(), 75);
     assert_ne!(deeper, code);
@@ -154,7 +155,8 @@ fn item_8_base_5_codes() {
     assert_eq!(deeper.self_delimiting(), 19669);
     assert_eq!(Code::from_self_delimiting(Quad, 19669), Some(deeper));
     assert_eq!((code.level(), deeper.level()), (4, 7));
-    // The print says 5^(k-1) <= C < 5^k; the tight bounds for k digits are (5^k - 1) / 4 and 5^k - 1.
+    // The print says 5^(k-1) <= C < 5^k; the tight bounds for k digits are (5^k - 1) / 4 and 5^k -
+    // 1.
     for k in 0..=29u8 {
         let all = |digit| Code::from_digits(Quad, vec![digit; k as usize]).unwrap().self_delimiting();
         assert_eq!(all(0), (5u128.pow(k as u32) - 1) / 4);
@@ -162,8 +164,8 @@ fn item_8_base_5_codes() {
     }
 }
 
-/// The standard example. The print has lost three of its letters, which leaves 22 symbols that are no tree of
-/// depth 3; all codes of the figure that follows are leaves of this one.
+/// The standard example. The print lacks three of its letters; the remaining 22 symbols are no tree
+/// of depth 3. All codes of the next figure are leaves of this one.
 const DF: &str = "GWGWWBBGWGWBBBWBGBBGBBBWW";
 
 #[test]
@@ -188,7 +190,7 @@ fn item_4_df_expression_as_printed_is_no_tree() {
         let error = df::from_text(QUAD, printed, depth, byte(1), Rule::Dominant).unwrap_err();
         assert!(error.to_string().contains("DF-expression"), "{error}");
     }
-    // It is the right one with a W, a G and a B left out.
+    // The printed string is the right one without a W, a G and a B.
     let mut left_out = String::new();
     let mut rest = printed.chars().peekable();
     for symbol in DF.chars() {
@@ -215,7 +217,7 @@ fn item_9_fd_codes() {
 
 #[test]
 fn item_30_representative() {
-    // Leaves A and B, inner nodes that stand for B and C: A has 3, B has 3 + 2, C has 2.
+    // Leaves A and B, inner nodes with representatives B and C: A has 3, B has 3 + 2, C has 2.
     let [a, b, c] = [10, 20, 30].map(Some);
     let (found, children) =
         representative("G [10] [20] G([20] [20] [10] [20]) G([30] W W W)", Rule::Dominant);
@@ -224,14 +226,14 @@ fn item_30_representative() {
     assert_eq!(representative("G [10] [20] G([20] [20] [10] [20]) [40]", Rule::Mean).0, 22);
 }
 
-/// Ties, which the text says nothing of: record 8 of the table needs the first (or lowest) of 1, 1, 2, 2.
+/// The paper does not define ties: record 8 of the table needs the first (or lowest) of 1, 1, 2, 2.
 #[test]
 fn item_31_ties() {
     assert_eq!(representative("G 1122", Rule::Dominant).0, 1);
     assert_eq!(representative("G 2211", Rule::Dominant).0, 2);
 }
 
-/// The representative of the root of a text, and its children.
+/// Returns the representative of the root of an expression, and its children.
 fn representative(text: &str, rule: Rule) -> (u8, Vec<(Option<u8>, bool)>) {
     let tree = df::from_text(QUAD, text, 2, byte(1), rule).unwrap();
     let Child::Inner { representative, node } = tree.root().unwrap() else { panic!("{text} is one leaf") };
@@ -255,8 +257,8 @@ fn item_3_picture_of_the_tables() {
     }
 }
 
-/// Fields NW NE SW SE (an inner node's representative is negative) and the link. The print has 7 as the link of
-/// record 3; the other nine are right.
+/// Fields NW NE SW SE (an inner node's representative is negative) and the link. The print has 7 as
+/// the link of record 3; the other nine are right.
 const GOBLIN: [[i32; 5]; 10] = [
     [-1, -1, 1, -2, 11],
     [1, -3, 1, -3, 5],
@@ -282,7 +284,7 @@ fn item_29_goblin_table_from_the_tree() {
             let value = as_byte(child.value().unwrap());
             fields.push(if child.is_inner() { -(value as i32) } else { value as i32 });
         }
-        // The record to go on with is the next one that is not below this node.
+        // The record to continue with is the next one that is not below this node.
         let skip = inner[number..].iter().take_while(|(other, _)| code.contains(*other)).count();
         fields.push((number + 1 + skip) as i32);
         assert_eq!(fields, GOBLIN[number], "record {}", number + 1);
@@ -302,14 +304,14 @@ fn item_28_goblin_table_from_the_file() {
         let value = |child| as_byte(layout.value(segment.records(), i, child)) as i32;
         let inner = |child| head.state(child) == INNER;
         let mut fields: Vec<i32> = (0..4).map(|c| if inner(c) { -value(c) } else { value(c) }).collect();
-        // The classic link is the record's own number and how many records its subtree has.
+        // The classic link is the record's own number plus its subtree's record count.
         fields.push((i + 1) as i32 + head.skip as i32);
         assert_eq!(fields, expected, "record {}", i + 1);
     }
 }
 
-/// Fields NW NE SW SE (a leaf's value is negative, an inner node's record number positive) and the node's own
-/// representative.
+/// Fields NW NE SW SE (a leaf's value is negative, an inner node's record number positive) and the
+/// node's own representative.
 const AUTUMNAL: [[i32; 5]; 10] = [
     [2, 5, -1, 9, 1],
     [-1, 3, -1, 4, 1],
@@ -341,8 +343,8 @@ fn item_32_autumnal_table_from_the_tree() {
     }
 }
 
-/// The survey's claim: a Goblin record holds its children's values, so showing the picture at a level needs the
-/// records above that level only, while Autumnal records hold their own.
+/// The survey's claim: a Goblin record holds its children's values, so showing the image at a level
+/// needs only the records above that level, while Autumnal records hold their own.
 #[test]
 fn item_33_reads_to_show_a_level() {
     let file = picture_file();
@@ -354,8 +356,8 @@ fn item_33_reads_to_show_a_level() {
     assert_eq!([1, 2, 3].map(autumnal), [4, 10, 10]);
 }
 
-/// Against the survey's verdict: for single cells the classic Goblin needs more reads, because the links of a node's
-/// earlier children have to be followed to find a later one's record.
+/// Contrary to the survey's conclusion, the classic Goblin needs more reads for single cells,
+/// because the links of a node's earlier children have to be followed to find a later one's record.
 #[test]
 fn item_35_reads_to_find_a_cell() {
     let (mut goblin, mut autumnal) = (Vec::new(), Vec::new());
@@ -382,8 +384,8 @@ fn item_35_reads_to_find_a_cell() {
         }
     }
     let sum_and_most = |reads: &[i32]| (reads.iter().sum::<i32>(), reads.iter().copied().max().unwrap());
-    assert_eq!(sum_and_most(&goblin), (200, 6)); // 3.125 in the mean of 64
-    assert_eq!(sum_and_most(&autumnal), (136, 3)); // 2.125
+    assert_eq!(sum_and_most(&goblin), (200, 6)); // mean of 64: 3.125
+    assert_eq!(sum_and_most(&autumnal), (136, 3)); // mean: 2.125
 }
 
 #[test]
@@ -391,7 +393,7 @@ fn item_41_octree_df_expression() {
     let text = "MVVVVFMVVVVVVVFFF";
     let tree = df::from_text(OCT, text, 2, byte(255), Rule::Mean).unwrap();
     assert_eq!(df::to_text(&tree, Some(byte(255))).unwrap(), text);
-    // In brackets as it should be; the print closes the root too early.
+    // With correct brackets; the print closes the root too early.
     let brackets = "M(VVVVFM(VVVVVVVF)FF)";
     let same = df::from_text(OCT, brackets, 2, byte(255), Rule::Mean).unwrap();
     assert_eq!(df::to_text(&same, Some(byte(255))).unwrap(), text);
@@ -407,7 +409,8 @@ fn item_41_octree_df_expression() {
     assert_eq!(packed.bits.len(), 5);
 }
 
-/// The survey rotates quadtrees by 90 degrees counter-clockwise with NW->SW, NE->NW, SE->NE, SW->SE.
+/// The survey rotates quadtrees by 90 degrees counter-clockwise with NW->SW, NE->NW, SE->NE,
+/// SW->SE.
 #[test]
 fn item_22_rotation_of_quadtrees() {
     let [nw, ne, sw, se] = [0, 1, 2, 3];
@@ -417,7 +420,8 @@ fn item_22_rotation_of_quadtrees() {
     }
 }
 
-/// The 1991 numbering has x in the highest bit: its numbers are ours with the bits reversed.
+/// The 1991 numbering has x in the highest bit: its numbers are those of Spinney with the bits
+/// reversed.
 #[test]
 fn item_39_rotation_of_octrees() {
     let reversed = |octant: usize| (octant & 1) << 2 | octant & 2 | octant >> 2;

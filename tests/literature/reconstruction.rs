@@ -1,5 +1,6 @@
-//! Solids of what was seen of them: carving by silhouettes and depths from known directions, and outlines at heights (S. P. Raya, J. K. Udupa, *Shape-based
-//! interpolation of multidimensional objects*, 1990), against models that ask every cell.
+//! Solids reconstructed from views: carving by silhouettes and depths from known directions, and
+//! outlines at heights (S. P. Raya, J. K. Udupa, *Shape-based interpolation of multidimensional
+//! objects*, 1990), against brute-force models of every cell.
 
 use std::f64::consts::{PI, SQRT_2};
 use std::fmt::Write as _;
@@ -29,9 +30,9 @@ fn unit(vector: Vector) -> Vector {
     vector.map(|part| part / length)
 }
 
-/// The middle of the bodies.
+/// The centre of the solids.
 const MIDDLE: Vector = [0.25, -0.5, 1.0];
-/// Half of the side of the box that is carved.
+/// Half of the carved box's side.
 const HALF: f64 = 1.5;
 
 #[derive(Clone, Copy, PartialEq, Debug)]
@@ -43,7 +44,7 @@ enum Body {
 }
 
 impl Body {
-    /// Where a ray through a point enters, as a distance from the point along the ray.
+    /// Returns the distance along a ray from a point to where the ray enters the solid.
     fn entered(self, from: Vector, along: Vector) -> Option<f64> {
         let from = [0, 1, 2].map(|axis| from[axis] - MIDDLE[axis]);
         match self {
@@ -70,7 +71,7 @@ impl Body {
         }
     }
 
-    /// How deep a place is inside.
+    /// Returns the depth of a point inside the solid.
     fn deep(self, place: Vector) -> f64 {
         let place = [0, 1, 2].map(|axis| place[axis] - MIDDLE[axis]);
         match self {
@@ -80,11 +81,11 @@ impl Body {
     }
 }
 
-/// A view of a body.
+/// A view of a solid.
 struct View {
     axes: [Vector; 3],
     pixels: u32,
-    /// For each pixel where the body begins; nothing where it is not seen.
+    /// For each pixel the depth where the solid begins; `None` if it misses the solid.
     seen: Vec<Option<f64>>,
     is_depth: bool,
 }
@@ -107,17 +108,17 @@ impl View {
         view
     }
 
-    /// Width of a pixel: the picture shows a square of side 4.
+    /// Returns the pixel width: the image shows a square of side 4.
     fn pixel(&self) -> f64 {
         4.0 / f64::from(self.pixels)
     }
 
-    /// A depth as a sample of 16 bits.
+    /// Returns a depth as a 16-bit sample.
     fn sample(depth: f64) -> u16 {
         ((depth + 3.0) * 1e4).round() as u16
     }
 
-    /// Writes the picture, and gives the view as text.
+    /// Writes the image, and returns the view's JSON.
     fn write(&self, folder: &Path, number: usize) -> String {
         let name = format!("{number}.png");
         let file = BufWriter::new(File::create(folder.join(&name)).unwrap());
@@ -142,7 +143,7 @@ impl View {
         )
     }
 
-    /// Whether a place is left by the view, as the text defines it.
+    /// Returns whether a view keeps a point, by the documented definition.
     fn leaves(&self, place: Vector) -> bool {
         let from_middle = [0, 1, 2].map(|axis| place[axis] - MIDDLE[axis]);
         let [right, up, towards] = self.axes.map(|axis| dot(axis, from_middle));
@@ -158,7 +159,7 @@ impl View {
     }
 }
 
-/// The six directions along axes, or these and those in between.
+/// Returns the six axis directions, or these and those in between.
 fn directions(count: usize) -> Vec<Vector> {
     let sides = [-1.0, 0.0, 1.0];
     let all = sides.into_iter().flat_map(|x| sides.map(|y| sides.map(|z| [x, y, z]))).flatten();
@@ -178,7 +179,7 @@ fn options(cells: u64) -> SolidOptions {
     options
 }
 
-/// Which cells of a cube of them are full.
+/// Returns which cells of a cube are full.
 fn full(import: ReconstructionImport, path: &Path, cells: usize) -> Vec<bool> {
     import.build(Output::create(path).unwrap(), &()).unwrap();
     let tree = spinney::open(path).unwrap();
@@ -188,20 +189,21 @@ fn full(import: ReconstructionImport, path: &Path, cells: usize) -> Vec<bool> {
     values.into_iter().map(|value| value == 255).collect()
 }
 
-/// The centre of a cell of a box, by its place among all.
+/// Returns the centre of a cell in a box, by its index.
 fn centre(index: usize, cells: usize, low: Vector, cell: f64) -> Vector {
     let at = [index % cells, index / cells % cells, index / cells / cells];
     [0, 1, 2].map(|axis| low[axis] + (at[axis] as f64 + 0.5) * cell)
 }
 
-/// Carves a body, and holds it to a model that asks all views for every cell; gives its volume.
+/// Carves a solid, compares it with a model that tests every cell in all views, and returns its
+/// volume.
 fn carved(body: Body, count: usize, is_depth: bool, (cells, pixels): (usize, u32)) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let views: Vec<View> =
         directions(count).into_iter().map(|direction| View::new(body, direction, pixels, is_depth)).collect();
     let texts: Vec<String> =
         views.iter().enumerate().map(|(number, view)| view.write(folder.path(), number)).collect();
-    // (No centre of a cell is in a wall between pixels, where rounding would decide.)
+    // No cell centre is on a border between pixels, where rounding would decide.
     let corner = |side: f64| {
         let shift = [0.0012, 0.0007, -0.0009];
         [0, 1, 2].map(|axis| MIDDLE[axis] + side + shift[axis])
@@ -222,7 +224,8 @@ fn carved(body: Body, count: usize, is_depth: bool, (cells, pixels): (usize, u32
             views.iter().all(|view| view.leaves(place)),
             "{body:?} {count} {is_depth} {place:?}"
         );
-        // The solid contains the true one, but for what is nearer to its surface than a pixel is wide.
+        // The result contains the true solid, except for points nearer to its surface than a pixel
+        // width.
         let deep = body.deep(place);
         assert!(*is_full || deep < views[0].pixel(), "{body:?} {count} {is_depth} {place:?}: {deep}");
     }
@@ -241,7 +244,7 @@ fn a_ball_is_carved_from_6_and_26_directions() {
     assert!((ball..1.03 * ball).contains(&silhouettes), "{}", silhouettes / ball);
     for count in [6, 26] {
         for size in [sizes[0], sizes[1]] {
-            // What is off is no thicker than a pixel, all over the surface.
+            // The error is at most one pixel thick, over the whole surface.
             let most = 3.0 * 4.0 / f64::from(size.1);
             let error = carved(Body::Ball, count, true, size) / ball - 1.0;
             assert!(error.abs() < most / 2.0, "{count} {size:?}: {error}");
@@ -252,7 +255,7 @@ fn a_ball_is_carved_from_6_and_26_directions() {
 #[test]
 fn a_cube_is_carved_from_6_and_26_directions() {
     for is_depth in [false, true] {
-        // Sides of pixels and of cells lie on those of the cube.
+        // Sides of pixels and of cells coincide with those of the cube.
         assert_eq!(carved(Body::Cube, 6, is_depth, (48, 64)), 8.0);
         let found = carved(Body::Cube, 26, is_depth, (48, 64));
         assert!((7.7..=8.0).contains(&found), "{found}");
@@ -278,14 +281,14 @@ fn what_is_carved_does_not_depend_on_threads() {
         std::fs::read(&path).unwrap()
     };
     assert!(build(1) == build(5));
-    // Pictures that have no room are refused before they are read.
+    // Images that exceed the memory limit are rejected before they are read.
     let mut little = options(150);
     little.memory = 100_000;
     let error = plan_views(&text, &little, &FileAccess::default()).err().unwrap().to_string();
     assert!(error.contains("body.views, view ") && error.contains("--memory"), "{error}");
 }
 
-/// A ring of corners as text.
+/// Returns a ring of vertices as text.
 fn ring(corners: &[[f64; 2]]) -> String {
     let closed = corners.iter().chain(&corners[..1]);
     format!("({})", closed.map(|[x, y]| format!("{x} {y}")).collect::<Vec<_>>().join(", "))
@@ -300,7 +303,7 @@ fn square(low: f64, high: f64) -> Vec<[f64; 2]> {
     vec![[low, low], [high, low], [high, high], [low, high]]
 }
 
-/// Polygons, each with its height and rings.
+/// Writes polygons, each with its height and rings.
 fn outlines(folder: &Path, polygons: &[(f64, Vec<Vec<[f64; 2]>>)]) -> PathBuf {
     let mut text = String::from("wkt,height\n");
     for (height, rings) in polygons {
@@ -312,7 +315,7 @@ fn outlines(folder: &Path, polygons: &[(f64, Vec<Vec<[f64; 2]>>)]) -> PathBuf {
     path
 }
 
-/// The solid of outlines, and the volume of a cell.
+/// Returns the volume of the solid of outlines.
 fn solid(polygons: &[(f64, Vec<Vec<[f64; 2]>>)], resolution: Resolution) -> f64 {
     let folder = tempfile::tempdir().unwrap();
     let path = outlines(folder.path(), polygons);
@@ -327,7 +330,7 @@ fn solid(polygons: &[(f64, Vec<Vec<[f64; 2]>>)], resolution: Resolution) -> f64 
 
 #[test]
 fn stacked_circles_are_a_cone_and_a_cylinder() {
-    // (A circle of 256 corners has so much of a whole one.)
+    // The area of a polygon with 256 vertices relative to its circle.
     let share = 128.0 * (PI / 128.0).sin() / PI;
     let cone: Vec<_> = [0.0, 0.7, 1.5, 3.0].map(|z| (z, vec![circle(2.0 - z / 2.0)])).into();
     let frustum = share * PI * 3.0 / 3.0 * (4.0 + 2.0 * 0.5 + 0.25);
@@ -336,7 +339,7 @@ fn stacked_circles_are_a_cone_and_a_cylinder() {
         let errors = [5, 6, 7].map(|depth| (solid(&polygons, Resolution::Depth(depth)) / exact - 1.0).abs());
         assert!(errors[2] < 0.002 && errors[2] <= errors[0].max(0.001), "{errors:?}");
     }
-    // A cone to a point, but for the least that has an area.
+    // A cone to a point, approximated by a tiny circle.
     let cone = [(0.0, vec![circle(1.0)]), (2.0, vec![circle(1e-6)])];
     let exact = share * PI * 2.0 / 3.0;
     let found = solid(&cone, Resolution::Cells(128));
@@ -348,7 +351,7 @@ fn squares_with_holes_and_polygons_that_lie_on_each_other() {
     let cell = Resolution::Cell(0.25);
     let tube = |z: f64| (z, vec![square(0.0, 4.0), square(1.0, 3.0)]);
     assert_eq!(solid(&[tube(0.0), tube(2.0)], cell.clone()), 2.0 * 12.0);
-    // Twice the same, one that overlaps, and one beside it.
+    // Two equal ones, one that overlaps, and one next to them.
     let several = [
         tube(0.0),
         tube(0.0),
@@ -423,7 +426,7 @@ fn outlines_are_interpolated_by_their_distances() {
     }
     assert!(inside > 10_000);
 
-    // On a grid that is turned against the world, cells are where they are there.
+    // On a grid rotated against world axes, cells keep their world positions.
     let mut turned = SolidOptions::new();
     let mut frame = tree.metadata().frame.clone();
     for row in &mut frame.matrix[..2] {

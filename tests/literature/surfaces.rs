@@ -1,4 +1,4 @@
-//! Tyukachev's paper: surfaces of triangles (CTIN), and triangulations with lines that are not crossed.
+//! Tyukachev's paper: surfaces of triangles (CTIN), and constrained triangulations.
 
 use spinney::brep::Faces;
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
@@ -7,10 +7,10 @@ use spinney::raw::tin::{
 };
 use spinney::{ExactModel, Output};
 
-/// Heights, by x and y.
+/// A height function of x and y.
 type Height = fn(f64, f64) -> f64;
 
-/// Random numbers below a bound, with a fixed seed.
+/// Returns random numbers below a bound, with a fixed seed.
 fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     let mut state = seed;
     move |below| {
@@ -19,7 +19,7 @@ fn random(seed: u64) -> impl FnMut(u64) -> u64 {
     }
 }
 
-/// Twice the area of a triangle of whole numbers.
+/// Twice the area of a triangle with integer coordinates.
 fn twice_area([a, b, c]: [[f64; 2]; 3]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
@@ -29,7 +29,7 @@ fn corners(tin: &Tin) -> Vec<[[f64; 2]; 3]> {
     tin.triangles().iter().map(|corners| corners.map(|corner| places[corner as usize])).collect()
 }
 
-/// Whether the inside of two segments has a point in common, or one has an end inside of the other.
+/// Returns whether the interiors of two segments intersect, or one has an end inside the other.
 fn cross([a, b]: [[f64; 2]; 2], [c, d]: [[f64; 2]; 2]) -> bool {
     let sides = [twice_area([a, b, c]), twice_area([a, b, d]), twice_area([c, d, a]), twice_area([c, d, b])];
     let is_within = |p: [f64; 2], a: [f64; 2], b: [f64; 2]| {
@@ -69,7 +69,7 @@ fn item_54_two_triangles_meet_in_a_vertex_or_a_whole_edge() {
                 }
             }
         }
-        // Each point that was given is one of a triangle.
+        // Each input point is a triangle vertex.
         for [x, y, _] in &input.points {
             assert!(triangles.iter().flatten().any(|corner| corner == &[*x, *y]));
         }
@@ -86,7 +86,7 @@ fn item_54_layers_are_closed() {
         ("ore", |x, y| 25.0 + (x + y) / 10.0),
         ("base", |_, _| 10.0),
     ];
-    // All are known at the same boreholes.
+    // All surfaces have the same boreholes.
     let mut random = random(3);
     let holes: Vec<[f64; 2]> = (0..120).map(|_| [0; 2].map(|_| random(100) as f64)).collect();
     let surface = |(name, height): (&str, Height)| LayerSurface {
@@ -122,7 +122,7 @@ fn item_54_layers_have_the_volumes_of_integrals() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("bowl.goblin");
         let report = build_layers(&input, &LayerOptions::new(), Output::create(&path).unwrap(), &()).unwrap();
-        // Chords of x² lie above it by a sixth of the square of the step, on the average.
+        // Chords of x² are above it by a sixth of the squared step length, on average.
         let expected = exact + 2.0 * 64.0 * step * step / 6.0 / 16.0;
         assert!((report.layers[0].volume - expected).abs() < 1e-4, "{report:?} {expected}");
     }
@@ -132,7 +132,8 @@ fn item_54_layers_have_the_volumes_of_integrals() {
 fn item_61_lines_in_a_face_are_edges_and_not_crossed() {
     for seed in 0..30 {
         let mut random = random(seed + 50);
-        // A triangular face, and lines of it that do not cross: what two bodies have in common in one.
+        // A triangular face, and non-crossing lines on it: the intersection of two solids within
+        // one face.
         let mut input = SurfaceInput {
             points: vec![[0.0, 0.0, 0.0], [200.0, 0.0, 0.0], [0.0, 200.0, 0.0]],
             ..SurfaceInput::default()
@@ -158,7 +159,7 @@ fn item_61_lines_in_a_face_are_edges_and_not_crossed() {
             assert!(is_edge, "{a:?} {b:?}");
         }
         assert_eq!(triangles.iter().map(|corners| twice_area(*corners)).sum::<f64>(), 40_000.0);
-        // 2n - 2 - b triangles have n points, of which b are around them.
+        // A triangulation of n points, b of them on the boundary, has 2n - 2 - b triangles.
         assert_eq!(triangles.len(), 2 * tin.vertices().len() - 2 - 3);
     }
 }
@@ -180,7 +181,8 @@ fn item_62_a_face_with_an_inner_triangle_is_seven() {
 
 #[test]
 fn item_62_a_box_of_sixteen_triangles_has_ten_vertices() {
-    // A layer over a square with a point in the middle: four triangles above, four below, and four walls of two.
+    // A layer over a square with a point in the middle: four triangles above, four below, and four
+    // walls of two.
     let place = [[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0], [2.0, 2.0]];
     let surface = |name: &str, height: f64| LayerSurface {
         name: name.into(),
@@ -201,7 +203,7 @@ fn item_62_a_box_of_sixteen_triangles_has_ten_vertices() {
 
 #[test]
 fn item_54_triangulations_are_smoothed_and_have_isolines() {
-    // The paper's other tasks: a hill of boreholes with a fault across it.
+    // The paper's other tasks: a hill sampled by boreholes, with a fault across it.
     let hill = |x: f64, y: f64| 900.0 - (x - 30.0).powi(2) - (y - 30.0).powi(2);
     let mut input = SurfaceInput::default();
     for row in 0..=12 {
@@ -214,7 +216,8 @@ fn item_54_triangulations_are_smoothed_and_have_isolines() {
     let (tin, _) = triangulate(&input).unwrap();
     assert_eq!(tin.constraints().len(), 12);
     let (area, volume) = tin.integral();
-    // The integral of the hill, within what chords of 5 are below it (a twelfth of 5² along each axis, or more).
+    // The hill's integral, up to the error of chords of length 5 (at least a twelfth of 5² along
+    // each axis).
     let expected = 3600.0 * 900.0 - 2.0 * 60.0 * (2.0 * 30f64.powi(3) / 3.0);
     assert_eq!(area, 3600.0);
     assert!((0.0..3600.0 * 25.0 / 2.0).contains(&(expected - volume)), "{volume} {expected}");

@@ -1,4 +1,5 @@
-//! The table of docs/literature.md, held to what there is: items, commands, what the library shows, and tests.
+//! The table of docs/literature.md, checked against the project: items, commands, library examples,
+//! and tests.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 /// A row of the table.
 struct Row {
     number: usize,
-    /// Texts in code in the cells of commands and of tests.
+    /// Code spans in the cells of commands and of tests.
     made_by: Vec<String>,
     tests: Vec<String>,
 }
@@ -20,7 +21,7 @@ fn read(path: impl AsRef<Path>) -> String {
     fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// Texts in code in a cell.
+/// Returns the code spans in a cell.
 fn code(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_string).collect()
 }
@@ -46,7 +47,7 @@ fn all_items_have_a_row_and_a_test() {
     }
 }
 
-/// The file of a test: one of this program, or of another one, or beside the code.
+/// Returns the file of a test: in this test program, in another one, or next to the code.
 fn file_of(name: &str) -> PathBuf {
     let folder = match name {
         _ if name.starts_with("crates/") => "",
@@ -72,7 +73,7 @@ fn tests_of_the_items_exist() {
     }
 }
 
-/// Words of a text, options with their hyphens.
+/// Returns the words of a string, options with their hyphens.
 fn words(text: &str) -> Vec<&str> {
     text.split(|letter: char| !(letter.is_alphanumeric() || letter == '-' || letter == '_')).collect()
 }

@@ -1,4 +1,4 @@
-//! The commit that changed each cell last, against a model of every cell.
+//! The commit that last changed each cell, against a model of every cell.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::common::{Cells, OCT, QUAD, Random, options, write_cells};
 
 const MEMORY: u64 = 1 << 24;
 
-/// The value of each cell, the first axis fastest.
+/// Returns the value of each cell; the first axis varies fastest.
 fn values(path: &Path, size: [u64; 3]) -> Vec<Option<f64>> {
     let tree = spinney::open(path).unwrap();
     let mut found = Vec::new();

@@ -1,4 +1,4 @@
-//! Topology of exact models, against counts by hand and a naive model of it.
+//! Topology of exact models, against known counts and a naive model.
 
 use std::collections::{HashMap, HashSet};
 
@@ -16,7 +16,7 @@ fn topology(faces: &dyn Faces) -> Topology {
     made
 }
 
-/// What holds for every topology.
+/// Checks the invariants of every topology.
 fn check(made: &Topology, faces: &dyn Faces) {
     assert_eq!(u64::from(made.faces()), faces.len());
     let mut number = 0;
@@ -71,7 +71,7 @@ fn check(made: &Topology, faces: &dyn Faces) {
         assert!(made.vertices_at(made.point(vertex)).contains(&vertex));
     }
     assert_eq!(seen.len(), made.half_edges() as usize);
-    // Entities by shell are all of them, each once.
+    // Entities by shell are all entities, each once.
     let (mut all, mut vertices, mut edges) = (0, HashSet::new(), HashSet::new());
     for shell in 0..made.shells() {
         all += made.faces_of_shell(shell).len();
@@ -166,14 +166,14 @@ fn cubes_that_touch_stay_apart() {
     }
 }
 
-/// Where two cavities touch along an edge, what is solid goes on between them: they are one.
+/// If two cavities touch along an edge, the solid continues between them: they are one.
 #[test]
 fn cavities_that_touch_join() {
     let mut faces = cuboid([0; 3], [20; 3]);
     faces.extend(turned(cuboid([4; 3], [8; 3])));
     faces.extend(turned(cuboid([8, 8, 4], [12, 12, 8])));
-    // The two have 8 vertices and 12 edges each; the edge in common is two edges over four vertices still, each of
-    // which is an edge between both.
+    // The two have 8 vertices and 12 edges each; the common edge remains two edges over four
+    // vertices, each of which joins both.
     let made = topology(&model(&faces));
     assert_eq!(made.shells(), 2);
     assert!(made.is_closed());
@@ -182,13 +182,13 @@ fn cavities_that_touch_join() {
 
 #[test]
 fn tilted_cubes_stay_apart_along_an_edge() {
-    // Six prisms like slices of a cake, in any direction of the edge.
+    // Six prisms like slices of a cake, for any direction of the edge.
     let around = [[9, 1], [2, 9], [-8, 5], [-9, -4], [1, -9], [8, -7]];
     for up in [[0, 0, 5], [7, 1, 3], [-2, 8, -7], [-9, -9, 1]] {
         let mut faces = Vec::new();
         for i in 0..6 {
             let [[a, b], [c, d]] = [around[i], around[(i + 1) % 6]];
-            // Two vectors across, of a skew basis with `up` that is right-handed.
+            // Two vectors that form a right-handed skew basis with `up`.
             let (u, v) =
                 if up[2] > 0 && up[0] >= 0 { ([1, 0, 0], [0, 1, 0]) } else { ([0, 0, 1], [1, 0, 0]) };
             let is_right = determinant(u, v, up) > 0;
@@ -216,7 +216,7 @@ fn determinant(a: [i32; 3], b: [i32; 3], c: [i32; 3]) -> i32 {
     (0..3).map(|i| a[i] * (b[(i + 1) % 3] * c[(i + 2) % 3] - b[(i + 2) % 3] * c[(i + 1) % 3])).sum()
 }
 
-/// A hole that touches the outline along the whole height: the solid is a ring that is cut through there.
+/// A hole that touches the outline along the whole height: the solid is a ring that is cut there.
 #[test]
 fn a_hole_through_a_corner_opens_the_ring() {
     let hole = vec![[0, 0], [4, 8], [8, 4]];
@@ -236,18 +236,19 @@ fn open_surfaces_tell_their_boundaries() {
     let error = made.check_closed("box.brep".as_ref()).unwrap_err().to_string();
     assert!(error.contains("box.brep") && error.contains("4 edges") && error.contains("1 chains"), "{error}");
     assert_eq!(made.counts_by_shell()[0].genus(), Some(0));
-    // A face that is turned round is alone.
+    // A reversed face is a separate shell.
     let mut faces = cuboid([0; 3], [4; 3]);
     faces[3][0].reverse();
     let made = topology(&model(&faces));
     assert_eq!((made.shells(), made.boundaries().count()), (2, 2));
 }
 
-/// A triangle without area between a long edge and two short ones closes a surface, also along an edge of two solids.
+/// A triangle without area between a long edge and two short ones closes a surface, also along an
+/// edge of two solids.
 #[test]
 fn slivers_take_part() {
     let with_sliver = |mut faces: Vec<Vec<Ring>>, a: [i32; 3], b: [i32; 3], c: [i32; 3]| {
-        // The face that goes from a to c gets b between them; a sliver leads back.
+        // The face with the edge from a to c gets b between them; a sliver leads back.
         let (ring, at) = faces
             .iter_mut()
             .flatten()
@@ -260,7 +261,7 @@ fn slivers_take_part() {
         faces.push(vec![vec![a, c, b]]);
         faces
     };
-    // (The half-edge from a to c is that of the long side's twin.)
+    // The half-edge from a to c is that of the long side's twin.
     let cube = with_sliver(cuboid([0; 3], [4; 3]), [4, 4, 0], [4, 4, 1], [4, 4, 4]);
     assert_eq!(euler(&model(&cube)), [9, 14, 7, 0, 1, 0]);
     for swapped in [false, true] {
@@ -273,7 +274,7 @@ fn slivers_take_part() {
     }
 }
 
-/// Random sets of cells of a grid: a naive model knows the solids that do not touch by faces.
+/// Random sets of cells of a grid: a naive model finds the face-connected solids.
 #[test]
 fn unions_of_cells() {
     let mut random = Random(5);
@@ -286,7 +287,7 @@ fn unions_of_cells() {
         if cells.is_empty() {
             continue;
         }
-        // Squares between cells that are solid and those that are not.
+        // Squares between solid cells and empty ones.
         let mut faces = Vec::new();
         for &cell in &cells {
             let walls = cuboid(cell, cell.map(|x| x + 1));
@@ -299,7 +300,7 @@ fn unions_of_cells() {
         }
         let made = topology(&model(&faces));
         assert!(made.is_closed());
-        // Walls of cells that hang together by faces are never those of others.
+        // Shells never mix walls of cells that are not face-connected.
         let bodies = bodies(&cells);
         let mut body_of_shell = HashMap::new();
         let mut number = 0;
@@ -317,7 +318,7 @@ fn unions_of_cells() {
     }
 }
 
-/// Cells that hang together by faces have the same number.
+/// Assigns one number to each face-connected set of cells.
 fn bodies(cells: &HashSet<[i32; 3]>) -> HashMap<[i32; 3], usize> {
     let mut bodies = HashMap::new();
     for (number, &first) in cells.iter().enumerate() {
@@ -356,7 +357,7 @@ fn rings_that_make_no_sense_do_no_harm() {
         made.euler();
         made.boundaries().for_each(drop);
     }
-    // Random triangles over few points: everything touches everything.
+    // Random triangles over few points: everything touches.
     for _ in 0..300 {
         let mut point = || [0; 3].map(|_: i32| random.below(3) as i32);
         let faces: Vec<Vec<Ring>> = (0..60).map(|_| vec![vec![point(), point(), point()]]).collect();
@@ -374,7 +375,7 @@ fn memory_is_bounded() {
     assert!(matches!(error, Error::TooLarge { limit: 1000, .. }), "{error}");
 }
 
-/// Interrupted after some questions.
+/// Cancels after a number of checks.
 struct Stop(std::sync::atomic::AtomicI64);
 
 impl Progress for Stop {
@@ -391,7 +392,7 @@ fn work_can_be_interrupted() {
     assert!(enough > 3 && make(enough).is_ok());
 }
 
-/// Closed meshes, and what `trimesh` says of them.
+/// Closed meshes, against results of `trimesh`.
 #[test]
 fn real_meshes() {
     let Some(folder) = shared_data() else { return };
@@ -418,7 +419,7 @@ fn real_meshes() {
     }
 }
 
-/// Solids of cities: buildings of their own, with holes in faces.
+/// City solids: separate buildings, with holes in faces.
 #[test]
 fn city_solids() {
     for name in ["cityjson/delft.json", "cityjson/rotterdam_subset.json", "cityjson/DH_01_subs.city.json"] {

@@ -1,4 +1,4 @@
-//! Trees of calculations against a naive model, and against the files that are made of them.
+//! Trees of calculations against a naive model, and against files written from them.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use spinney::{
     Output, Result, Rule, SampleType, TreeType, Value, ValueType, ViewStep, WriteOptions, transform,
 };
 
-/// A number that a cell has, in large patches, some of which are alike, and others noise; some cells are VOID.
+/// Returns a cell's number: large patches, some alike, some noise; some cells are VOID.
 fn number(seed: u64, [x, y, z]: Cell) -> Option<u64> {
     let mix = |seed: u64, x: u32, y: u32, z: u32| {
         let mixed = (u64::from(x) << 42 ^ u64::from(y) << 21 ^ u64::from(z)).wrapping_add(seed << 7);
@@ -30,7 +30,7 @@ fn number(seed: u64, [x, y, z]: Cell) -> Option<u64> {
     }
 }
 
-/// A file of such numbers in a folder.
+/// A file of such numbers in a directory.
 struct TestFile {
     path: PathBuf,
     value: ValueType,
@@ -50,7 +50,7 @@ impl TestFile {
         let depth = depth_for(extent);
         let cell = |cell: Cell| {
             let inside = (0..3).all(|axis| u64::from(cell[axis]) < extent[axis]);
-            // (In the second channel are others.)
+            // The second channel has other numbers.
             let samples = |channel: usize| number(seed + channel as u64 * 5, cell).unwrap_or(3) as f64;
             (inside && number(seed, cell).is_some()).then(|| value.nearest(samples))
         };
@@ -70,7 +70,8 @@ impl TestFile {
     }
 }
 
-/// Numbers of a channel of a box of cells of a level, `None` where they are VOID or outside of the space.
+/// Returns one channel of a box of cells of a level; `None` where they are VOID or outside of the
+/// space.
 fn numbers(tree: &Dataset, level: u8, bounds: &Bounds, channel: usize) -> Vec<Option<f64>> {
     let value = tree.header().form.value;
     let cells = bounds.volume() as usize;
@@ -123,7 +124,7 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
     for level in 0..=tree.depth() {
         assert_eq!(tree.is_approximate(level), level < tree.depth());
         let mut bounds = tree.extent_at(level);
-        // (And some cells beyond the picture.)
+        // Including some cells beyond the extent.
         bounds.max[0] = (bounds.max[0] + 3).min(1 << level);
         let (red, near) = (numbers(&file, level, &bounds, 0), numbers(&file, level, &bounds, 1));
         let expected: Vec<Option<f64>> =
@@ -136,7 +137,7 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
             let found = tree.point(cell, level, &mut value).unwrap();
             assert_eq!(found.then_some(value[0].to_f64()), expected[index], "level {level}, {cell:?}");
         }
-        // A part of it is the same.
+        // A window of it is the same.
         let part =
             Bounds { min: bounds.max.map(|cell| cell / 3), max: bounds.max.map(|cell| cell.div_ceil(2)) };
         let all = |x: u64, y: u64| expected[(y * size[0] + x) as usize];
@@ -147,7 +148,7 @@ fn windows_at_every_level_are_arithmetic_on_windows() {
     assert!(!file.is_approximate(0));
 }
 
-/// Makes a file of steps, and asks it and the view the same.
+/// Writes a file from operations, and runs the same queries on it and on the view.
 fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Dataset {
     let tree = view(base, steps).unwrap();
     let path = folder.join("made.goblin");
@@ -163,7 +164,7 @@ fn check_file_and_view(folder: &Path, base: &TestFile, steps: &[&str]) -> Datase
     let (depth, picture) = (tree.depth(), tree.header().picture());
     assert_eq!(made.header().picture(), picture);
     assert_eq!(numbers(&tree, depth, &picture, 0), numbers(&made, depth, &picture, 0), "{steps:?}");
-    // What promises to be exact is.
+    // Results reported as exact are exact.
     let part =
         Bounds { min: picture.max.map(|cell| cell / 4), max: picture.max.map(|cell| (cell * 3).div_ceil(4)) };
     for bounds in [picture, part] {
@@ -234,7 +235,7 @@ fn files_of_other_places_types_and_cells_are_operands() {
     let folder = tempfile::tempdir().unwrap();
     let base = two_channels(folder.path());
     let quad = |sample| (Dimension::Quad, ValueType::new(sample, 1));
-    // Twice as large cells, of which the last reaches beyond the picture.
+    // Cells twice as large, of which the last extends beyond the other tree.
     let coarse = Frame::planar([2.0, 0.0, 0.0, 0.0, -2.0, 0.0]);
     let coarse =
         TestFile::new(folder.path(), "coarse.goblin", quad(SampleType::U8), ([165, 136, 1], coarse), &[]);
@@ -270,11 +271,11 @@ fn files_of_other_places_types_and_cells_are_operands() {
         present += usize::from(expected.is_some());
     }
     assert!(present > 20_000);
-    // Coarser cells come first: the result has these, and the finer ones' means.
+    // Coarser cells take precedence: the result has these, and means of the finer ones.
     let step = format!("calc=b1+b.red,b={}", base.path.display());
     let tree = view(&coarse, &[&step]).unwrap();
     assert_eq!(tree.header().extent, [165, 136, 1]);
-    // Where levels lie on each other, the level's numbers are those that are calculated with.
+    // If levels are aligned, the calculation uses the level's own values.
     let (level, bounds) = (tree.depth() - 2, Bounds::picture([41, 34, 1]));
     let (base, coarse) = (base.open(), coarse.open());
     let (a, b) =
@@ -347,7 +348,7 @@ fn names_that_stand_for_nothing_are_told() {
         let error = view(&base, &[&step]).unwrap_err().to_string();
         assert!(error.contains(expected), "{step}: {error}");
     }
-    // Files come first.
+    // Files take precedence.
     let step = format!("calc=red.b2-b2,red={path}");
     let tree = view(&base, &[&step]).unwrap();
     let statistics = tree.statistics(None, &()).unwrap();

@@ -15,10 +15,10 @@ use crate::common::{Cells, goblin_from_tree, options, quad, value};
 const DEPTH: u8 = 7;
 const SIZE: [u64; 3] = [90, 80, 1];
 
-/// Cells of a layer, 2^coarser as large as the finest.
+/// Cells of a layer, 2^coarser times as large as the finest.
 type Layer = (Cells, u8);
 
-/// Layers `l0`, `l1`, ..., of which each has a nodata number if it is given.
+/// Writes layers `l0`, `l1`, ..., each with the nodata value, if given.
 fn write(path: &Path, layers: &[Layer], nodata: Option<f64>) {
     let output = Output::create(path).unwrap();
     let mut file = TreeWriter::create(output, (Dimension::Quad, DEPTH), layers.len() as u32).unwrap();
@@ -53,7 +53,7 @@ fn composite(path: &Path, names: &str) -> spinney::Result<Dataset> {
     spinney::open(path)?.view(&[format!("composite={names}").parse()?])
 }
 
-/// All cells of a level: those that are not VOID.
+/// Returns all cells of a level; `None` is VOID.
 fn cells_of(tree: &Dataset, level: u8) -> (Bounds, Vec<Option<Value>>) {
     let bounds = tree.extent_at(level);
     let (cells, width) = (bounds.volume() as usize, tree.header().form.width());
@@ -64,7 +64,7 @@ fn cells_of(tree: &Dataset, level: u8) -> (Bounds, Vec<Option<Value>>) {
     (bounds, cells.collect())
 }
 
-/// The value that samples of some layers make, of which `None` are VOID.
+/// Returns the composite of some layers' samples, of which `None` are VOID.
 fn expected(tree: &Dataset, samples: &[Option<Value>]) -> Option<Value> {
     let value = tree.header().form.value;
     let size = value.sample.size();
@@ -79,7 +79,8 @@ fn expected(tree: &Dataset, samples: &[Option<Value>]) -> Option<Value> {
     (!is_void).then(|| Value::from_bytes(&bytes.collect::<Vec<u8>>()))
 }
 
-/// The layers with their numbers, and the composite of them: at the cells against the model, above against the layers' own levels.
+/// Checks the composite of the numbered layers: cells against the model, upper levels against the
+/// layers' own levels.
 fn check(tree: &Dataset, file: &Dataset, numbers: &[usize], layers: &[Layer]) {
     let (bounds, found) = cells_of(tree, DEPTH);
     assert_eq!(bounds.max, SIZE);
@@ -135,7 +136,7 @@ fn composites_are_their_layers_side_by_side() {
                 let tree = composite(&path, names).unwrap();
                 let value = tree.header().form.value;
                 assert_eq!((value.sample, usize::from(value.channels)), (sample, numbers.len()));
-                // (All of 23 x 20 cells of four reach beyond the others.)
+                // The layer of 23 x 20 larger cells extends beyond the others.
                 assert_eq!(value.is_masked(), has_void);
                 check(&tree, &file, numbers, &layers);
                 let names: Vec<String> = numbers.iter().map(|number| format!("l{number}")).collect();
@@ -147,7 +148,7 @@ fn composites_are_their_layers_side_by_side() {
     }
 }
 
-/// A file of a view.
+/// Writes a file from a view.
 fn made(path: &Path, steps: &[&str], name: &str) -> PathBuf {
     let steps: Vec<ViewStep> = steps.iter().map(|step| step.parse().unwrap()).collect();
     let out = path.with_file_name(name);
@@ -177,7 +178,7 @@ fn files_of_composites_and_questions_to_them_are_alike() {
         (found.segments_read, expected.segments_read) = (0, 0);
         assert_eq!(found, expected);
     }
-    // Each channel has the statistics of its layer, with its VOID cells left out.
+    // Each channel has the statistics of its layer, without VOID cells.
     let found = tree.statistics(None, &()).unwrap();
     for (number, channel) in [0, 2].into_iter().zip([0, 2]) {
         let layer = spinney::open(&path).unwrap().layer(&number.to_string()).unwrap();
@@ -185,7 +186,7 @@ fn files_of_composites_and_questions_to_them_are_alike() {
         let (a, b) = (&found.channels[channel], &own.channels[0]);
         assert_eq!((a.cells, a.min, a.max, a.mean), (b.cells, b.min, b.max, b.mean));
     }
-    // Steps behind and before it are done to it.
+    // Operations before and after it apply to it.
     let turned = spinney::open(made(&path, &["composite=l0,l1,l2", "rotate=90"], "turned.goblin")).unwrap();
     let again = file.view(&["rotate=90".parse().unwrap()]).unwrap();
     assert_eq!(cells_of(&turned, DEPTH), cells_of(&again, DEPTH));
@@ -199,7 +200,7 @@ fn files_of_composites_and_questions_to_them_are_alike() {
 fn numbers_that_are_in_use_stand_for_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("l0.goblin");
-    // All bytes are there, and VOID: no number is left, and cells are VOID where one layer is.
+    // All bytes occur, and VOID: no nodata value is free, and cells are VOID if one layer is.
     let cell = |number: u64| (!number.is_multiple_of(7)).then(|| Value::from([(number % 256) as u8]));
     let cells = |first: u64| Cells {
         form: quad(SampleType::U8, 1),

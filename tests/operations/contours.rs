@@ -1,4 +1,4 @@
-//! Contour lines and bands, against marching squares over the whole picture.
+//! Contour lines and bands, against marching squares over the whole raster.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,14 +11,14 @@ use crate::common::{Cells, OCT, Random, opened, options, quad, with, write_cells
 
 type Point = [f64; 2];
 
-/// Numbers of a picture, row by row.
+/// Numbers of a raster, row by row.
 struct Picture {
     size: [usize; 2],
     numbers: Vec<Option<f64>>,
 }
 
 impl Picture {
-    /// A level of a tree.
+    /// Reads a level of a tree.
     fn of(tree: &Dataset, level: u8) -> Picture {
         let bounds = tree.extent_at(level);
         let cells = bounds.volume() as usize;
@@ -41,7 +41,8 @@ impl Picture {
         self.numbers.iter().flatten().count() as f64
     }
 
-    /// Lines of a level, and the area of what is at least as high. With the higher side on the right if rows go down.
+    /// Returns lines of a level, and the area at or above it. The higher side is on the right if
+    /// rows go down.
     fn contours(&self, level: f64, nodata: ContourEnds) -> (Vec<[Point; 2]>, f64) {
         let (mut lines, mut area) = (Vec::new(), 0.0);
         let [width, height] = self.size.map(|side| side as i64);
@@ -79,7 +80,7 @@ impl Picture {
     }
 }
 
-/// Lines through a square, and the area of what is higher.
+/// Adds the lines through a square, and returns the area above the level.
 fn square(places: [Point; 4], values: [f64; 4], level: f64, lines: &mut Vec<[Point; 2]>) -> f64 {
     let is_high = values.map(|value| value >= level);
     let crossing = |i: usize| {
@@ -119,13 +120,13 @@ fn square(places: [Point; 4], values: [f64; 4], level: f64, lines: &mut Vec<[Poi
     shoelace(&all)
 }
 
-/// Area of a ring, clockwise where rows go down.
+/// Area of a ring, positive if clockwise with rows going down.
 fn shoelace(ring: &[Point]) -> f64 {
     let edges = ring.iter().zip(ring.iter().cycle().skip(1));
     0.5 * edges.map(|(a, b)| a[0] * b[1] - b[0] * a[1]).sum::<f64>()
 }
 
-/// Segments that are not just points, in order; places are compared with some leeway.
+/// Returns sorted segments without degenerate ones; coordinates are compared with a tolerance.
 fn segments(lines: impl Iterator<Item = (f64, [Point; 2])>) -> Vec<[i64; 5]> {
     let mut all: Vec<_> = lines
         .filter(|(_, [a, b])| (a[0] - b[0]).hypot(a[1] - b[1]) > 1e-4)
@@ -137,10 +138,10 @@ fn segments(lines: impl Iterator<Item = (f64, [Point; 2])>) -> Vec<[i64; 5]> {
     all
 }
 
-/// A line or polygon: least and greatest value, parts in cells of a level.
+/// A line or polygon: minimum and maximum value, and its lines or rings in cells of a level.
 type Found = ([f64; 2], Vec<Vec<Point>>);
 
-/// All lines or bands of a tree.
+/// Returns all lines or bands of a tree.
 fn found(tree: &Dataset, request: &ContourRequest, is_bands: bool) -> (Vec<Found>, ContourSummary) {
     let level = request.level.unwrap_or(tree.depth());
     let frame = tree.metadata().frame.coarser(tree.depth() - level);
@@ -172,7 +173,7 @@ fn found(tree: &Dataset, request: &ContourRequest, is_bands: bool) -> (Vec<Found
     (all, summary.unwrap())
 }
 
-/// A picture of few numbers, or of any, some VOID.
+/// Returns a raster of few or of many different numbers, some VOID.
 fn cells(seed: u64, size: [u64; 2]) -> Cells {
     let mut random = Random(seed);
     let form = quad(SampleType::F32, 1);
@@ -193,7 +194,7 @@ fn cells(seed: u64, size: [u64; 2]) -> Cells {
     Cells { form, size: [size[0], size[1], 1], cells }
 }
 
-/// Rows that go up or down, or a turned picture.
+/// Returns a frame with rows up or down, or a rotated one.
 fn frame(seed: u64) -> Frame {
     match seed % 3 {
         0 => Frame::planar([2.0, 0.0, 500_000.0, 0.0, -2.0, 4_000_000.0]),
@@ -202,7 +203,7 @@ fn frame(seed: u64) -> Frame {
     }
 }
 
-/// A tree of a picture, and a level of it.
+/// Returns a tree of a raster, a level of it, and whether it is mirrored.
 fn tree(seed: u64) -> (Dataset, u8, bool) {
     let mut random = Random(seed ^ 77);
     let long = if seed.is_multiple_of(4) { 250 + random.below(300) } else { 1 + random.below(40) };
@@ -232,7 +233,7 @@ fn lines_are_those_of_marching_squares() {
             let ours = lines.iter().flat_map(|([value, _], parts)| {
                 parts[0].windows(2).map(|pair| {
                     let pair = [pair[0], pair[1]];
-                    // Higher values are on the right in the world.
+                    // Higher values are on the right in world coordinates.
                     (*value, if is_mirrored { [pair[1], pair[0]] } else { pair })
                 })
             });
@@ -243,13 +244,13 @@ fn lines_are_those_of_marching_squares() {
             let missing = |all: &[[i64; 5]], from: &[[i64; 5]]| -> Vec<[i64; 5]> {
                 all.iter().filter(|segment| from.binary_search(segment).is_err()).copied().collect()
             };
-            // What is rounded to either side is not missing.
+            // Segments that differ only by rounding are not missing.
             let (left, right) = (missing(&ours, &theirs), missing(&theirs, &ours));
             let is_near = |a: &[i64; 5], b: &[i64; 5]| a.iter().zip(b).all(|(a, b)| a.abs_diff(*b) <= 1);
             let all_near = left.iter().all(|a| right.iter().any(|b| is_near(a, b)));
             let is_alike = ours.len() == theirs.len() && left.len() == right.len() && all_near;
             assert!(is_alike, "{seed} {nodata:?}: only one has {left:?}, {right:?}");
-            // Lines are as long as they can be.
+            // Lines are joined to maximum length.
             let place = |point: Point| point.map(f64::to_bits);
             let open: Vec<_> =
                 lines.iter().filter(|(_, parts)| parts[0].first() != parts[0].last()).collect();
@@ -277,7 +278,7 @@ fn closed_lines_go_around_what_is_higher() {
         for value in VALUES {
             let (_, expected) = picture.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
-            // What is lower than all values has no border but that of the picture.
+            // A level below all values has no border except the raster's.
             let least = tree.value_bounds().unwrap().first().map_or(f64::INFINITY, |(least, _)| *least);
             if value > least {
                 assert!(
@@ -298,7 +299,8 @@ fn bands_cover_every_cell_once() {
         assert_eq!(summary.count, bands.len() as u64);
         let (mut areas, mut all): (BTreeMap<u64, f64>, f64) = Default::default();
         for ([_, high], rings) in &bands {
-            // Outer rings are counterclockwise in the world, which is clockwise where rows go up.
+            // Outer rings are counterclockwise in world coordinates, which is clockwise if rows go
+            // up.
             let turn = if is_mirrored { 1.0 } else { -1.0 };
             let sizes: Vec<f64> = rings.iter().map(|ring| turn * shoelace(ring)).collect();
             assert!(sizes[0] > 0.0 && sizes[1..].iter().all(|size| *size < 0.0), "{seed}");
@@ -316,7 +318,7 @@ fn bands_cover_every_cell_once() {
         for value in VALUES {
             let (_, higher) = picture.contours(value, ContourEnds::Extend);
             let area = areas.get(&value.to_bits()).copied().unwrap_or(0.0);
-            // (The last band may end at the last value, too.)
+            // The last band may end at the last value, too.
             if value < VALUES[5] {
                 assert!(near(area, above - higher), "{seed} {value}: {area}, not {}", above - higher);
             }
@@ -325,7 +327,7 @@ fn bands_cover_every_cell_once() {
     }
 }
 
-/// Whether a ring has a point, by crossings on the way left.
+/// Returns whether a ring contains a point, by crossings to the left.
 fn has(ring: &[Point], [x, y]: Point) -> bool {
     let crosses = |pair: &&[Point]| {
         let (a, b) = (pair[0], pair[1]);
@@ -348,7 +350,7 @@ fn order_does_not_depend_on_threads_or_memory() {
         let one = in_pool(1, 64 << 20);
         assert!(one.0.len() > 1000);
         assert!(in_pool(2, 64 << 20) == one);
-        // Everything that waits is in a file.
+        // All pending lines are spilled to a file.
         assert!(in_pool(2, 1) == one);
     }
 }
@@ -384,15 +386,15 @@ fn tiles_without_lines_are_not_read() {
     let every = |base| ContourRequest::new(ContourLevels::Every { step: 10.0, base });
     let (lines, summary) = found(&tree, &every(5.0), false);
     assert_eq!((lines.len(), summary.tiles, summary.tiles_read), (6, 16, 4));
-    // Bands have to go around the picture, too, but not through what is inside and alike.
+    // Bands also follow the raster's border, but do not read uniform tiles inside.
     let (bands, summary) = found(&tree, &every(5.0), true);
     assert_eq!((bands.len(), summary.tiles_read), (7, 12 + 2));
-    // Nothing is read where there is nothing to be found.
+    // Nothing is read if nothing can be found.
     let high = ContourRequest::new(ContourLevels::At(vec![100.0]));
     assert_eq!(found(&tree, &high, false).1.tiles_read, 0);
 }
 
-/// Work that is to stop after a few steps.
+/// Cancels after a few checks.
 struct Impatient(AtomicU64);
 
 impl Progress for Impatient {
@@ -429,7 +431,7 @@ fn small_pictures_have_lines_to_their_edges() {
     let tree =
         opened(|path| write_goblin(path, &cells, (Rule::Mean, DataKind::Continuous), Frame::identity()));
     let request = ContourRequest::new(ContourLevels::At(vec![0.25]));
-    // Up in the world, where y is what rows are.
+    // Upwards in world coordinates, where y equals rows.
     let (lines, _) = found(&tree, &request, false);
     assert_eq!(lines, [([0.25; 2], vec![vec![[0.75, 0.0], [0.75, 0.5], [0.75, 1.0]]])]);
     let (bands, _) = found(&tree, &request, true);

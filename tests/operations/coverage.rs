@@ -1,4 +1,4 @@
-//! Set operations on trees whose cells tell how far bodies cover them, against arrays of cells and volumes.
+//! Set operations on trees whose cells store coverage, against arrays of cells and volumes.
 
 use spinney::raw::ops::{Combined, View};
 use spinney::raw::store::goblin::Goblin;
@@ -14,7 +14,7 @@ fn set(number: u8) -> CombineOperation {
     CombineOperation::set(set_operation(number))
 }
 
-/// Cells that are full, VOID, or neither; every fifth of those covered in part is a zero.
+/// Cells that are full, VOID, or neither; every fifth partially covered cell is zero.
 fn bodies(form: TreeType, seed: u64, size: [u64; 3]) -> Cells {
     let cells = Cells::random(form, seed, size, 8, true);
     let coverage = [255, 255, 255, 100, 31, 254, 1, 0];
@@ -27,14 +27,14 @@ fn bodies(form: TreeType, seed: u64, size: [u64; 3]) -> Cells {
     })
 }
 
-/// The sum of the minterms of a set operation's number.
+/// Returns the sum of the minterms of a set operation's number.
 fn minterms(number: u8, a: f64, b: f64) -> f64 {
     let both = a.min(b);
     let minterms = [both, a - both, b - both, 255.0 - a.max(b)];
     (0..4).filter(|bit| number >> bit & 1 > 0).map(|bit| minterms[bit]).sum()
 }
 
-/// The result of an operation, cell by cell; beyond the universe nothing is filled.
+/// Returns an operation's result, cell by cell; cells beyond the universe are not filled.
 fn expected(number: u8, [a, b]: [&Cells; 2], universe: Bounds) -> Cells {
     let form = a.form;
     made(form, a.size, |cell| {
@@ -50,19 +50,19 @@ fn expected(number: u8, [a, b]: [&Cells; 2], universe: Bounds) -> Cells {
     })
 }
 
-/// A file of coverage. (Trees in memory do not know their rule.)
+/// Returns a coverage file as a view. Trees in memory do not store their rule.
 fn view(cells: &Cells) -> View {
     view_of_file(goblin(cells, Rule::Occupancy, DataKind::Continuous), cells.size)
 }
 
-/// Cells without those that are covered by nothing: these are as good as VOID.
+/// Removes cells with zero coverage, which are equivalent to VOID.
 fn covered(cells: Cells) -> Cells {
     let something = |value: &Value| value.to_bytes().iter().any(|byte| *byte > 0);
     let cells_covered = cells.cells.into_iter().map(|value| value.filter(something)).collect();
     Cells { cells: cells_covered, ..cells }
 }
 
-/// The cells that a file made of combined trees has.
+/// Returns the cells of a file written from combined trees.
 fn built(source: &Combined, size: [u64; 3]) -> Cells {
     cells_of(
         &Goblin::from_bytes(goblin_from_combined(source, Rule::Occupancy, DataKind::Continuous)).unwrap(),
@@ -106,7 +106,7 @@ fn volumes_add_up_and_a_body_without_itself_is_empty() {
         |cells: &Cells| cells.cells.iter().flatten().map(|value| u64::from(as_byte(*value))).sum::<u64>();
     let of =
         |number: u8, other: &Cells| built(&combined(vec![view(&a), view(other)], set(number), size), size);
-    // (Both trees are files of their own: nothing tells that they are the same but their cells.)
+    // The trees are separate files: only their cells show that they are equal.
     assert_eq!(of(2, &a).count(), 0);
     assert_eq!(of(6, &a).count(), 0);
     assert_eq!(volume(&of(1, &a)), volume(&a));
@@ -134,7 +134,7 @@ fn a_union_of_many_is_the_fullest() {
     }
 }
 
-/// The coverage of a box whose edges lie anywhere.
+/// Returns the coverage of a box with arbitrary edges.
 fn covered_by_box(size: [u64; 3], low: [f64; 3], high: [f64; 3]) -> Cells {
     made(OCT, size, |cell| {
         let share = |i: usize| (high[i].min(cell[i] as f64 + 1.0) - low[i].max(cell[i] as f64)).max(0.0);
@@ -159,7 +159,7 @@ fn intersections_are_too_large_only_where_both_surfaces_are() {
         let (mut most, mut rounding) = (0.0, 0.0);
         for (a, b) in cells[0].cells.iter().zip(&cells[1].cells) {
             let [a, b] = [a, b].map(|value| value.map_or(0.0, |value| f64::from(as_byte(value))));
-            // No overlap is smaller than what does not fit beside the other.
+            // The minimum overlap is the excess of the sum over a full cell.
             most += a.min(b) - (a + b - 255.0).max(0.0);
             rounding += if a > 0.0 && b > 0.0 { 0.5 } else { 0.0 };
             assert!(a.min(b) - (a + b - 255.0).max(0.0) <= 127.5);

@@ -1,4 +1,4 @@
-//! The smallest box around all that is not VOID.
+//! The bounding box of all cells that are not VOID.
 
 use std::time::{Duration, Instant};
 
@@ -7,7 +7,7 @@ use spinney::raw::ops::{AffineMap, Axis, View, data_box};
 
 use crate::common::{Cells, OCT, QUAD, Random, oct_size, quad_size, seen, value, view_of_cells};
 
-/// The box, found the slow way.
+/// Returns the box by brute force.
 fn slow_box(cells: &Cells) -> Option<Bounds> {
     let [width, height, _] = cells.size;
     let mut found: Option<Bounds> = None;
@@ -27,7 +27,7 @@ fn boxes_are_the_smallest() {
     for round in 0..40 {
         let form = if round % 3 == 0 { OCT } else { QUAD };
         let size = if form == QUAD { quad_size(&mut random) } else { oct_size(&mut random) };
-        // From nothing at all to one cell in four.
+        // From no cell at all to one cell in four.
         let one_in = 4 << random.below(9);
         let mut cells = Cells::noise(form, round, size, 9);
         cells.cells.fill_with(|| (random.below(one_in) == 0).then(|| value(form.value, 3)));

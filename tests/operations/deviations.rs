@@ -1,19 +1,21 @@
-//! Standard deviations of numbers that are much larger than their differences, against those of the differences.
+//! Standard deviations of numbers that are much larger than their differences, against those of the
+//! differences.
 
 use spinney::query::{EdgeRule, Polygon, ZonalRequest};
 use spinney::{Codec, DataKind, Dataset, Output, Rule, SampleType, Value, WriteOptions, convert};
 
 use crate::common::{Cells, dataset, options, quad, with, write_cells};
 
-/// Cells along each side: more than one segment has.
+/// Cells along each side, more than one segment has.
 const SIDE: u64 = 300;
 
-/// The difference of a cell from the base: in patches, so that nodes of all sizes are uniform, and from 0 to 6.
+/// Returns a cell's difference from the base: 0 to 6, in patches, so that nodes of all sizes are
+/// uniform.
 fn difference([x, y, _]: [u64; 3]) -> u64 {
     if x / 64 == y / 64 { 3 } else { (x / 3 * x / 3 + 5 * y) % 7 }
 }
 
-/// A sample of a type that is so much more than the base.
+/// Returns a sample of a type that exceeds the base by `more`.
 fn sample(sample: SampleType, base: i128, more: u64) -> Value {
     let number = base + i128::from(more);
     match sample {
@@ -23,7 +25,7 @@ fn sample(sample: SampleType, base: i128, more: u64) -> Value {
     }
 }
 
-/// Standard deviation of numbers, each of which counts so often.
+/// Returns the standard deviation of weighted numbers.
 fn deviation(numbers: &[(u64, f64)]) -> f64 {
     let weight: f64 = numbers.iter().map(|(_, weight)| weight).sum();
     let mean = numbers.iter().map(|(number, weight)| *number as f64 * weight).sum::<f64>() / weight;
@@ -35,7 +37,7 @@ fn check(found: f64, expected: f64, what: &str) {
     assert!((found - expected).abs() <= 1e-8 * expected, "{what}: {found}, but it is {expected}");
 }
 
-/// All of it, a box, zones by centres and by shares, and cells that are all alike.
+/// Checks the whole file, a box, zones by centres and by shares, and uniform cells.
 fn check_file(file: &Dataset, what: &str) {
     let weighed = |[low, high]: [[f64; 2]; 2]| {
         let cells = (0..SIDE * SIDE).map(|index| [index % SIDE, index / SIDE]);

@@ -1,4 +1,5 @@
-//! Set operations on exact models in any position: what they have in common, how large they are, and which points are in them.
+//! Set operations on exact models in any position: intersections, volumes, and containment of
+//! points.
 
 use spinney::brep::Faces;
 
@@ -9,7 +10,7 @@ use crate::common::sets::{
 };
 use crate::common::solid::{Triangle, winding};
 
-/// Operations whose results add up.
+/// Operations whose results are checked against each other.
 const ALL: std::ops::Range<u8> = 0..16;
 
 fn scaled(faces: &Solid, times: i32) -> Solid {
@@ -21,7 +22,7 @@ fn mapped(faces: &Solid, map: impl Fn([i32; 3]) -> [i32; 3]) -> Solid {
     faces.iter().map(|rings| rings.iter().map(ring).collect()).collect()
 }
 
-/// The triangles of faces without holes.
+/// Returns the triangles of faces without holes.
 fn triangles(faces: &Solid) -> Vec<Triangle> {
     let fan = |ring: &Vec<[i32; 3]>| -> Vec<Triangle> {
         (2..ring.len()).map(|i| [0, i - 1, i].map(|corner| ring[corner].map(f64::from))).collect()
@@ -43,7 +44,7 @@ impl<'a> Results<'a> {
             assert_eq!(body.model.is_unbounded(), operation >= 8, "{name}, operation {operation}");
             assert_eq!(body.model.verify(64 << 20, &()).unwrap(), [], "{name}, operation {operation}");
             assert!(body.edges_cancel(), "{name}, operation {operation}");
-            // (What is thinner than a step cannot be a surface on the grid.)
+            // Features thinner than a grid unit cannot be surfaces on the grid.
             assert!(report.built.defect_count > 0 || body.is_closed(), "{name}, operation {operation}");
             (operation, body)
         };
@@ -54,8 +55,8 @@ impl<'a> Results<'a> {
         self.results.iter().find(|(known, _)| *known == operation).unwrap().1.volume()
     }
 
-    /// Fails unless volumes are sums of those of the three parts, or leave out what the complement has, and these parts are
-    /// all of both bodies.
+    /// Checks that volumes are sums of those of the three regions (minus the region outside, for
+    /// complements), and that the regions add up to both solids.
     fn assert_add_up(&self, name: &str) {
         let [a, b] = self.bodies.map(Body::volume);
         let side = f64::from(1u32 << self.bodies[0].model.grid().bits);
@@ -110,7 +111,8 @@ fn bodies_that_touch() {
     }
 }
 
-/// Very thin wedges that cross: planes meet far outside of the space, and corners lie close to each other.
+/// Very thin wedges that cross: planes meet far outside of the space, and vertices are close to
+/// each other.
 #[test]
 fn slivers() {
     let far = 1 << 20;
@@ -122,14 +124,14 @@ fn slivers() {
         |faces: &Solid| mapped(&triangulated(faces), |[x, y, z]| [x, y + x / 7 + z / 3, z - x / 5 + 300_000]);
     for thick in [1, 1000] {
         let bodies = [wedge(thick), turn(&wedge(thick)), turn(&wedge(1))].map(|faces| {
-            // (Between points of the lattice there is room for what is thinner.)
+            // Between lattice points there is space for thinner features.
             [&faces, &lean(&faces)].map(|faces| Body::of(&scaled(faces, 16), 25))
         });
         for [one, other] in [[0, 1], [1, 2], [0, 2]] {
             for kind in [[0, 0], [1, 1], [0, 1]] {
                 let (a, b) = (&bodies[one][kind[0]], &bodies[other][kind[1]]);
                 let name = format!("{thick}, {one} and {other}, {kind:?}");
-                // (Symmetric differences of such make an octree of millions of nodes.)
+                // Their symmetric differences make an octree of millions of nodes.
                 let operations = ALL.filter(|operation| kind == [0, 0] || operation % 15 % 3 != 0);
                 Results::of([a, b], operations, &name).assert_add_up(&name);
             }
@@ -137,7 +139,7 @@ fn slivers() {
     }
 }
 
-/// Parts of a box that is cut again and again, in units.
+/// Returns the boxes from recursive cuts of a box, in units.
 fn parts(random: &mut Random, [low, high]: [[i32; 3]; 2], cuts: u32, found: &mut Vec<[[i32; 3]; 2]>) {
     let axis = random.below(3) as usize;
     let width = high[axis] - low[axis];
@@ -151,7 +153,8 @@ fn parts(random: &mut Random, [low, high]: [[i32; 3]; 2], cuts: u32, found: &mut
     parts(random, [put(low), high], cuts - 1, found);
 }
 
-/// Boxes that fill space without gaps, of which some are taken: walls lie on parts of other walls, and edges on walls.
+/// Boxes that fill space without gaps, of which some are selected: walls partially coincide, and
+/// edges lie on walls.
 #[test]
 fn boxes_side_by_side() {
     const SIDE: i32 = 8;
@@ -191,8 +194,8 @@ fn boxes_side_by_side() {
     }
 }
 
-/// Vertices on edges, with faces without an area there, near the other body, far from it and inside of it; and faces that lie on
-/// each other.
+/// Vertices on edges, with faces without area there, near the other solid, far from it and inside
+/// it; and coincident faces.
 #[test]
 fn vertices_on_edges() {
     let mut random = Random(77);
@@ -215,7 +218,8 @@ fn vertices_on_edges() {
     }
 }
 
-/// A tetrahedron with corners on a lattice of so many points along each side, which are so many steps apart.
+/// Returns a tetrahedron with vertices on a lattice of `points` points per side, `step` units
+/// apart.
 fn random_tetrahedron(random: &mut Random, points: u64, step: i32) -> Solid {
     loop {
         let corners = [0; 4].map(|_| [0; 3].map(|_| random.below(points) as i32 * step));
@@ -225,7 +229,7 @@ fn random_tetrahedron(random: &mut Random, points: u64, step: i32) -> Solid {
     }
 }
 
-/// Tetrahedra, and the body of all of them.
+/// Returns tetrahedra, and their union.
 fn random_heap(random: &mut Random, points: u64, step: i32, bits: u8) -> (Vec<Vec<Triangle>>, Body) {
     let count = 1 + random.below(4);
     let solids: Vec<Solid> = (0..count).map(|_| random_tetrahedron(random, points, step)).collect();
@@ -237,7 +241,7 @@ fn random_heap(random: &mut Random, points: u64, step: i32, bits: u8) -> (Vec<Ve
     (solids.iter().map(triangles).collect(), body)
 }
 
-/// Heaps of tetrahedra on lattices of so many points, in a fine grid.
+/// Checks heaps of tetrahedra on lattices of `points` points per side, in a fine grid.
 fn heaps(seed: u64, points: u64, rounds: u32) {
     let mut random = Random(seed);
     let mut inside = [0; 4];
@@ -279,7 +283,8 @@ fn heaps_on_fine_lattices() {
     heaps(3, 1001, 20);
 }
 
-/// The other order, in general position: as many faces, and the same volume but for the order of a sum.
+/// Swapping operands in general position gives the same number of faces, and the same volume up to
+/// the order of summation.
 #[test]
 fn the_order_of_bodies_does_not_matter() {
     let mut random = Random(6);
@@ -297,14 +302,14 @@ fn the_order_of_bodies_does_not_matter() {
     }
 }
 
-/// The symmetries of the cube: which axis each axis comes from, and whether it is mirrored.
+/// Returns the symmetries of the cube: the source of each axis, and whether it is mirrored.
 fn symmetries() -> Vec<([usize; 3], [bool; 3])> {
     let orders = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
     let mirrors = (0..8).map(|number| [0, 1, 2].map(|axis| number >> axis & 1 > 0));
     mirrors.flat_map(|mirror| orders.map(|order| (order, mirror))).collect()
 }
 
-/// Faces turned in a cube with sides of so much.
+/// Applies a symmetry to faces in a cube with side `side`.
 fn symmetric(faces: &Solid, (order, mirror): ([usize; 3], [bool; 3]), side: i32) -> Solid {
     let faces = mapped(faces, |point| {
         [0, 1, 2].map(|axis| if mirror[axis] { side - point[order[axis]] } else { point[order[axis]] })
@@ -337,7 +342,7 @@ fn symmetries_of_the_cube_do_not_matter() {
     }
 }
 
-/// Octahedra that were turned, one after the other: numbers stay as wide as they are, and files small.
+/// Repeated operations on rotated octahedra: numbers keep their width, and files stay small.
 #[test]
 fn turned_bodies_one_after_the_other() {
     let mut random = Random(12);
@@ -393,7 +398,7 @@ fn heaps_on_coarse_lattices() {
     heaps(1, 11, 20);
 }
 
-/// The grid has no points but those of the lattice: new vertices move far, and volumes are still right.
+/// The grid has only the lattice points: new vertices move far, and volumes are still right.
 #[test]
 fn heaps_on_grids_as_coarse_as_their_lattices() {
     let mut random = Random(4);
@@ -406,7 +411,8 @@ fn heaps_on_grids_as_coarse_as_their_lattices() {
     }
 }
 
-/// Three tetrahedra on a lattice of four points: the second operation has a body with corners beside the grid.
+/// Three tetrahedra on a lattice of four points: the second operation has an operand with off-grid
+/// vertices.
 #[test]
 fn second_operations_on_a_small_lattice() {
     let cases = [

@@ -1,5 +1,5 @@
-//! Set operations on exact models whose grids have no unit in common: operands are moved to a common grid, stay closed, and the
-//! furthest that a corner was moved is reported.
+//! Set operations on exact models without a common grid unit: operands are snapped to a common
+//! grid, stay closed, and the maximum displacement of a vertex is reported.
 
 use std::path::Path;
 use std::sync::Mutex;
@@ -19,7 +19,8 @@ fn on_grid(grid: &Grid, min: [i32; 3], max: [i32; 3]) -> Body {
     Body::of_list(&model_on(grid.clone(), &cuboid(min, max)))
 }
 
-/// Half the diagonal of a grid's unit: the furthest that a corner is moved to its nearest point.
+/// Half the diagonal of a grid unit: the maximum displacement of a vertex to its nearest grid
+/// point.
 fn half_diagonal(unit: f64) -> f64 {
     unit * 3f64.sqrt() / 2.0
 }
@@ -56,7 +57,7 @@ fn boxes_on_unlike_grids_are_combined() {
                 sum += result.volume();
                 snapped = snapped.max(report.snapped);
             }
-            // No more than all faces swept by the displacement.
+            // At most all faces swept by the displacement.
             let area = 6.0 * (whole.volume().powf(2.0 / 3.0) + second.volume().powf(2.0 / 3.0));
             assert!(
                 (sum - expected).abs() < 1e-9 * expected + 2.0 * area * snapped,
@@ -66,7 +67,8 @@ fn boxes_on_unlike_grids_are_combined() {
     }
 }
 
-/// Operations on operands that were moved agree with each other, and these have their volumes but for their displacement.
+/// Operations on snapped operands are consistent, and the operands keep their volumes up to their
+/// displacement.
 #[test]
 fn operations_agree_on_moved_operands() {
     let mut random = Random(23);
@@ -99,7 +101,7 @@ fn operations_agree_on_moved_operands() {
         for (body, moved) in [(&a, all_of_a), (&b, all_of_b)] {
             let report = &results[0].1;
             assert!(report.snapped <= half_diagonal(report.grid.width()));
-            // No more than all faces of the largest tetrahedron swept by the displacement.
+            // At most all faces of the largest tetrahedron swept by the displacement.
             let size = f64::from(1 << 20) / 1000.0 * 25.4 * 1.1;
             let most = 1e-9 * body.volume() + 6.0 * size * size * report.snapped;
             assert!((body.volume() - moved).abs() <= most, "{round}: {} {moved}", body.volume());
@@ -107,7 +109,7 @@ fn operations_agree_on_moved_operands() {
         for (result, _) in &results {
             assert_eq!(result.model.verify(MEMORY, &()).unwrap(), []);
         }
-        // They are operands again, next to bodies on other grids, and complements.
+        // The results are valid operands, with solids on other grids, and for complements.
         let third = own(&solid(), 0.3);
         for (result, report) in [&results[0], &results[6], &results[7]] {
             let [common, all] = [1, 7].map(|operation| combined(operation, &[result, &third]));
@@ -122,12 +124,12 @@ fn operations_agree_on_moved_operands() {
     }
 }
 
-/// A wall that is thinner than a unit of the common grid intersects itself there: it is resolved.
+/// A wall thinner than a unit of the common grid intersects itself there, which is resolved.
 #[test]
 fn surfaces_that_intersect_themselves_on_the_common_grid_stay_closed() {
     let mut inner = cuboid([2, 3, 4], [897, 895, 893]);
     inner.iter_mut().flatten().for_each(|ring| ring.reverse());
-    // (Tilted, so that walls cross when corners are moved.)
+    // Tilted, so that walls cross when vertices are snapped.
     let mut wall: Solid = [cuboid([0; 3], [900; 3]), inner].concat();
     for point in wall.iter_mut().flatten().flatten() {
         let [x, y, z] = *point;

@@ -1,4 +1,4 @@
-//! Exact models that are moved, against moving their faces and building anew.
+//! Transformed exact models, against models rebuilt from transformed faces.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -22,7 +22,7 @@ fn inverse(motion: &Motion) -> Motion {
     Motion::from_rows(AffineMap::from_rows(motion.to_rows()).inverse().unwrap().to_rows()).unwrap()
 }
 
-/// The body that a motion makes of another one; nothing is left behind where that fails.
+/// Returns the transformed solid; on failure no file remains.
 fn try_moved(body: &Body, motion: &Motion, options: &TransformOptions) -> Result<(Body, TransformReport)> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("moved.goblin");
@@ -39,7 +39,7 @@ pub(super) fn moved(body: &Body, motion: &Motion) -> (Body, TransformReport) {
     (found, report)
 }
 
-/// The quarter turns, mirrors and exchanges of axes.
+/// Returns the quarter turns, mirrorings and permutations of axes.
 pub(super) fn symmetries() -> Vec<Motion> {
     let axes = [Axis::X, Axis::Y, Axis::Z];
     let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
@@ -69,7 +69,7 @@ fn random_tetrahedra(bits: u8, count: u64) -> [Body; 2] {
     })
 }
 
-/// Bodies on the grid.
+/// Returns solids on the grid.
 pub(super) fn bodies() -> Vec<Body> {
     let square = |low: i32, high: i32| vec![[low, low], [high, low], [high, high], [low, high]];
     let hole = square(5, 9).into_iter().rev().collect();
@@ -84,7 +84,7 @@ pub(super) fn bodies() -> Vec<Body> {
     all
 }
 
-/// Operands whose results have corners beside the grid, and these.
+/// Returns operands whose results have off-grid vertices, and these results.
 pub(super) fn bodies_beside() -> [Body; 4] {
     let [a, b] = [
         tetrahedron([[0, 0, 0], [100, 7, 3], [11, 97, 1], [5, 13, 89]]).unwrap(),
@@ -100,7 +100,7 @@ pub(super) fn bodies_beside() -> [Body; 4] {
     [a, b, both, rest]
 }
 
-/// Corners, ends of rings, colours, part and source of a face.
+/// Vertices, ends of rings, colours, part and source of a face.
 type OwnedFace = (Vec<[i32; 3]>, Vec<usize>, Vec<[u8; 3]>, u32, u64);
 
 fn faces(model: &ExactModel) -> Vec<OwnedFace> {
@@ -119,7 +119,7 @@ fn faces(model: &ExactModel) -> Vec<OwnedFace> {
     all
 }
 
-/// The faces of a model, moved in the world one by one, on a grid.
+/// Returns a model's faces, transformed one by one in world coordinates, on a grid.
 fn faces_moved(model: &ExactModel, motion: &Motion, grid: &Grid) -> FaceList {
     let [x, y, z] = motion.to_rows().map(|[a, b, c, _]| [a, b, c]);
     let across = |a: [f64; 3], b: [f64; 3]| {
@@ -149,7 +149,7 @@ fn faces_moved(model: &ExactModel, motion: &Motion, grid: &Grid) -> FaceList {
     list
 }
 
-/// Measures that a motion does not change, and where it leads to.
+/// Checks the measures that a motion preserves, and the new position.
 fn assert_measures(before: &Body, after: &Body, motion: &Motion) {
     let [a, b] = [before, after].map(|body| MassProperties::of(&body.model, &()).unwrap());
     if before.model.exact_faces().0 == 0 {
@@ -204,7 +204,7 @@ fn points_stay_on_the_side_of_the_surface_on_which_they_are() {
     }
 }
 
-/// Corners beside the grid are moved as exactly: what is put together again is whole, to the last bit.
+/// Off-grid vertices are transformed exactly: reassembled components are bit-exact.
 #[test]
 fn corners_beside_the_grid_are_moved_exactly() {
     let [a, _, both, rest] = bodies_beside();
@@ -224,7 +224,7 @@ fn corners_beside_the_grid_are_moved_exactly() {
             found
         });
         let whole = combined(7, &[&both, &rest]);
-        // (Volumes beside the grid are doubles.)
+        // Volumes of off-grid solids are doubles.
         assert!((whole.volume() / a.volume() - 1.0).abs() < 1e-14, "{motion:?}");
         assert_eq!(combined(6, &[&whole, &a]).model.len(), 0, "{motion:?}");
     }
@@ -267,12 +267,12 @@ fn shifts_of_parts_of_steps_make_finer_ones_or_go_to_whole_ones() {
     let (found, report) = moved(&body, &motion(&["translate=0.1,-7.003,40"]));
     assert_eq!((report.displacement, report.grid.origin), (0.0, [100, -7003, 40_000]));
     assert_eq!(faces(&found.model), faces(&body.model));
-    // A quarter of a step: there is room for four times as many.
+    // A quarter of a grid unit: the grid must be four times as fine.
     let (found, report) = moved(&body, &motion(&["translate=0.00025,0,1"]));
     assert!(report.is_exact && report.displacement == 0.0 && report.grid.width() == 0.00025);
     assert_eq!(found.model.grid().to_world(faces(&found.model)[0].0[0])[0], 0.00125);
     assert_eq!(found.volume(), body.volume());
-    // Centres far out, of which doubles are rounded.
+    // Centres far from the origin, where doubles are rounded.
     let grid = Grid { bits: 12, origin: [2_650_001_007, 1_250_001_001, 5], step: 1.0, divisor: 1000.0 };
     let city = Body::of_list(&model_on(grid, &cuboid([0; 3], [4000, 3000, 10])));
     for centre in ["2650014.123,1250011.456", "2650000.1,1250000.3", "-7.007,2650014.999"] {
@@ -282,7 +282,7 @@ fn shifts_of_parts_of_steps_make_finer_ones_or_go_to_whole_ones() {
         let (back, _) = moved(&found, &motion(&[&format!("rotate=-90@{centre}")]));
         assert_eq!((back.model.grid(), faces(&back.model)), (city.model.grid(), faces(&city.model)));
     }
-    // No room, or no such steps.
+    // No space in the grid, or no matching grid unit.
     let [fine, _] = random_tetrahedra(26, 3);
     for (body, shift) in [(&fine, "translate=0.3,0,0"), (&body, "translate=0.0003141592,0,0")] {
         let (found, report) = moved(body, &motion(&[shift]));
@@ -327,13 +327,13 @@ fn other_maps_compute_corners_anew() {
             if std::ptr::eq(body, &both) && !is_quarter {
                 assert_eq!(report.rounded, both.model.exact_faces().0);
             }
-            // There and back: as near as both roundings let it.
+            // Forth and back: as close as both roundings permit.
             let (back, _) = moved(&found, &inverse(&map));
             let share = back.volume() / body.volume();
             assert!((share - 1.0).abs() < 2.0 * most, "{steps:?}: {share}");
         }
     }
-    // Wider steps, and where those of the model would be too many.
+    // A coarser grid, and a case where the model's own unit would exceed the limit.
     let mut options = TransformOptions::new(MEMORY);
     options.snap = Some(0.5);
     let (found, report) = try_moved(&ring, &motion(&[]), &options).unwrap();
@@ -343,7 +343,7 @@ fn other_maps_compute_corners_anew() {
     assert!(report.grid.width() > 0.001 && report.grid.bits <= 26, "{report:?}");
 }
 
-/// A body with colours, parts with attributes, and values of faces.
+/// Returns a solid with colours, parts with attributes, and face values.
 fn described() -> Body {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("model.goblin");
@@ -393,7 +393,7 @@ fn all_that_is_said_of_parts_and_faces_is_kept() {
         assert!(formula.starts_with("(map ") && formula.ends_with(" \"(memory)\")"), "{formula}");
         let olds = faces(old);
         for (number, face) in (0..).zip(faces(new)) {
-            // (Sources are numbers of faces here.)
+            // Sources are face numbers here.
             let before = &olds[face.4 as usize];
             assert_eq!((face.3, face.2[0]), (before.3, before.2[0]));
             for column in 0..2 {
@@ -425,23 +425,23 @@ fn what_cannot_be_done_is_refused() {
         assert!(matches!(&error, Error::NotASolid { .. }), "{error}");
         assert!(error.to_string().contains("no volume"), "{error}");
     }
-    // Walls that are thinner than a step come to lie on each other, or pass through each other.
+    // Walls thinner than a grid unit become coincident or intersect.
     let wall = [cuboid([0; 3], [900; 3]), turned(cuboid([2, 3, 4], [897; 3]))].concat();
     coarse.snap = Some(40.0);
     let error = refuse(&Body::of(&wall, 10), &["rotate=7,1,2,3"], &coarse);
     let Error::NotASolid { count, places, advice, .. } = &error else { panic!("{error}") };
     assert!(*count > 0 && !places.is_empty() && advice.contains("--snap"), "{error}");
-    // Memory for faces with corners beside the grid.
+    // Memory limit for faces with off-grid vertices.
     let error = refuse(&both, &["mirror=x"], &TransformOptions::new(1 << 10));
     assert!(matches!(&error, Error::TooLarge { advice, .. } if advice.contains("--memory")), "{error}");
-    // Steps that are no maps.
+    // Operations that are not maps.
     for step in ["crop", "window=0,0,1,1", "depth=3", "components=4"] {
         let error = step.parse::<ViewStep>().unwrap().as_map().unwrap_err();
         assert!(error.to_string().contains(step) && error.to_string().contains("translate="), "{error}");
     }
 }
 
-/// Ends work after so many looks.
+/// Cancels after a number of checks.
 struct Patience(AtomicI64);
 
 impl Progress for Patience {

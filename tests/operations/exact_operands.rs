@@ -1,4 +1,5 @@
-//! What set operations on exact models keep of their operands, and what they say to those that do not fit together.
+//! What set operations on exact models keep of their operands, and the errors for incompatible
+//! operands.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -11,7 +12,7 @@ use crate::common::Random;
 use crate::common::exact::{cuboid, model_on};
 use crate::common::sets::{Body, MEMORY, combined, tetrahedron, try_combined};
 
-/// The body in a file of a mesh.
+/// Imports a mesh file as a solid.
 fn imported(name: &str, text: &str) -> Body {
     let folder = tempfile::tempdir().unwrap();
     let [mesh, path] = [name, "x.goblin"].map(|name| folder.path().join(name));
@@ -22,7 +23,7 @@ fn imported(name: &str, text: &str) -> Body {
     Body::of_bytes(std::fs::read(path).unwrap())
 }
 
-/// A tetrahedron of a CityJSON file, and an object without geometry.
+/// Imports a CityJSON file with a tetrahedron and an object without geometry.
 fn city(name: &str, shift: i32) -> Body {
     imported("a.city.json", &city_text(name, shift))
 }
@@ -56,7 +57,7 @@ fn parts_and_attributes_are_those_of_all() {
         let formula = result.model.formula().unwrap().unwrap();
         let names = vec![" \"(memory)\""; bodies.len()].concat();
         assert_eq!(formula, format!("(op{operation}{names})"));
-        // Faces are of the parts that had them.
+        // Faces keep their parts.
         let mut counts = vec![0; parts.len()];
         let mut sources = Vec::new();
         let mut add = |face: &spinney::brep::Face<'_>| {
@@ -67,9 +68,9 @@ fn parts_and_attributes_are_those_of_all() {
         result.model.each(&mut add).unwrap();
         assert!(counts.iter().step_by(2).all(|count| *count > 0), "{counts:?}");
         assert!(counts.iter().skip(1).step_by(2).all(|count| *count == 0), "{counts:?}");
-        // Four faces each, one file after the other.
+        // Four faces each, file by file.
         assert!(sources.iter().all(|(part, source)| u64::from(*part) / 2 == source / 4), "{sources:?}");
-        // They go on.
+        // Results keep them in further operations.
         let again = combined(2, &[&result, &c]);
         assert_eq!(again.model.parts(), [parts, c.model.parts().to_vec()].concat());
         assert_eq!(files_of(&again.model).len(), files.len() + files_of(&c.model).len());
@@ -77,7 +78,8 @@ fn parts_and_attributes_are_those_of_all() {
     }
 }
 
-/// A body with corners beside the grid is copied as it is where another one is apart from it, by all operations.
+/// A solid with off-grid vertices is copied unchanged by all operations if it is disjoint from the
+/// other one.
 #[test]
 fn what_is_apart_stays_as_it_is() {
     let [a, b] = [city("one", 0), city("two", 7)];
@@ -103,7 +105,7 @@ fn what_is_apart_stays_as_it_is() {
             let result = combined(operation, &bodies);
             assert!(close(volume(&result), expected), "{operation}: {} {expected}", volume(&result));
             assert_eq!(result.model.verify(MEMORY, &()).unwrap(), [], "{operation}");
-            // What was made of it goes on to be divided.
+            // The copy can be an operand again.
             if operation == 7 {
                 let again = combined(2, &[&result, &b]);
                 assert!(close(volume(&again), sum), "{} {sum}", volume(&again));
@@ -125,7 +127,7 @@ fn colours_stay_and_others_are_white() {
         [(7, [&red, &plain]), (7, [&plain, &red]), (6, [&red, &plain]), (2, [&plain, &red])]
     {
         let is_first = std::ptr::eq(bodies[0], &red);
-        // One after the other, so that colours of corners beside the grid go through a file, too.
+        // In sequence, so that colours of off-grid vertices are also read back from a file.
         let far = Body::of_list(&model_on(red.model.grid().clone(), &cuboid([0; 3], [9; 3])));
         let result = combined(operation, &bodies);
         for result in [combined(7, &[&result, &far]), result] {
@@ -146,7 +148,7 @@ fn colours_stay_and_others_are_white() {
     assert!(!combined(7, &[&plain, &plain]).model.is_coloured().unwrap());
 }
 
-/// A box on a grid, its corners in steps.
+/// Returns a box on a grid, with corners in grid units.
 fn on_grid(grid: &Grid, min: [i32; 3], max: [i32; 3]) -> Body {
     Body::of_list(&model_on(grid.clone(), &cuboid(min, max)))
 }
@@ -192,7 +194,7 @@ fn grids_that_fit_become_one() {
     }
 }
 
-/// Corners beside the grid go to another grid as they are.
+/// Off-grid vertices are kept exactly on another grid.
 #[test]
 fn exact_corners_go_to_other_grids() {
     let coarse = grid(8, [0; 3], 1.0, 1.0);
@@ -227,7 +229,7 @@ fn other_coordinate_systems_are_told() {
     let (here, there, anywhere) = (of(7415), of(28992), city("one", 5));
     let error = try_combined(7, &[&here, &there]).err().unwrap();
     assert!(error.to_string().contains("28992") && error.to_string().contains("7415"), "{error}");
-    // What does not say where it is goes with both.
+    // An operand without a coordinate system is compatible with both.
     for known in [&here, &there] {
         let result = combined(7, &[&anywhere, known]);
         assert_eq!(result.model.crs(), known.model.crs());
@@ -235,7 +237,7 @@ fn other_coordinate_systems_are_told() {
     }
 }
 
-/// Tetrahedra that pass through each other.
+/// Returns intersecting tetrahedra.
 fn heap(seed: u64, count: usize) -> Vec<Body> {
     let mut random = Random(seed);
     let mut point = || [0; 3].map(|_| random.below(1 << 16) as i32);
@@ -258,7 +260,7 @@ fn bytes_do_not_depend_on_threads() {
     }
 }
 
-/// Combines into a file that is there already.
+/// Combines solids and overwrites an existing file.
 fn over(bodies: &[&Body], memory: u64, progress: &dyn Progress, path: &Path) -> Result<Vec<u8>, Error> {
     std::fs::write(path, "as it was").unwrap();
     let models: Vec<&ExactModel> = bodies.iter().map(|body| &body.model).collect();
@@ -297,7 +299,7 @@ fn too_little_memory_is_told() {
     assert!(too_little > 2 && too_little < 16, "{too_little}");
 }
 
-/// Interrupted after some questions.
+/// Cancels after a number of checks.
 struct Stop(AtomicI64);
 
 impl Progress for Stop {

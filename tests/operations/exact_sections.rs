@@ -1,4 +1,4 @@
-//! Sections of exact models: their areas and outlines against the bodies themselves.
+//! Sections of exact models: areas and outlines against the solids.
 
 use spinney::brep::{CuttingPlane, Faces};
 use spinney::raw::brep::query::SectionPolygon;
@@ -25,8 +25,8 @@ fn area(polygons: &[SectionPolygon]) -> f64 {
     polygons.iter().map(|polygon| polygon.area).sum()
 }
 
-/// Fails unless the areas of sections add up to the volume: between the heights of corners an area goes with the square of the height, so
-/// that two of them are enough (Gauss).
+/// Checks that section areas add up to the volume: between vertex heights the area is quadratic in
+/// the height, so two sections suffice (Gauss).
 fn assert_volume(body: &Body, axis: usize, name: &str) {
     let mut heights = Vec::new();
     let mut add = |face: &spinney::brep::Face<'_>| {
@@ -65,10 +65,10 @@ fn polygons_have_their_holes() {
     let areas: Vec<f64> = found.iter().map(|polygon| polygon.area).collect();
     assert_eq!(areas, [400.0, 6400.0 - 3600.0]);
     assert_eq!(found.iter().map(|polygon| polygon.rings.len()).collect::<Vec<_>>(), [1, 2]);
-    // Seen from the other side, outlines are the same and go the other way round.
+    // From the other side, outlines are the same with reversed orientation.
     let below = CuttingPlane { normal: [0.0, 0.0, -2.0], distance: -61.0 };
     assert_eq!(area(&section(&body, below)), 3200.0);
-    // Just below a plane: what ends there counts, what stands there does not.
+    // Just below a plane: what ends there counts, what starts there does not.
     for (height, expected) in
         [(10.0, 0.0), (20.0, 2800.0), (40.0, 3200.0), (50.0, 2800.0), (50.5, 0.0), (-7.0, 0.0)]
     {
@@ -77,7 +77,7 @@ fn polygons_have_their_holes() {
     for axis in 0..3 {
         assert_volume(&body, axis, "frame");
     }
-    // Across a corner: a right triangle of each.
+    // Across a corner: a right triangle on each face.
     let corner = Body::of(&cuboid([0; 3], [8; 3]), 4);
     let found = section(&corner, CuttingPlane { normal: [1.0; 3], distance: 3.0 });
     assert!((area(&found) - 9.0 * 3f64.sqrt() / 2.0).abs() < 1e-12);
@@ -93,7 +93,7 @@ fn areas_add_up_to_volumes() {
         bodies.extend(tetrahedron(corners).map(|faces| Body::of(&faces, 10)));
     }
     for pair in bodies.chunks(2) {
-        // (Of results it is what stands in for their exact faces that is cut: corners move by half a step.)
+        // For results, the proxies of their exact faces are cut: vertices move by half a grid unit.
         let of = |body: &Body, at: f64| area(&section(body, CuttingPlane::across(1, at)));
         let [union, common] = [7, 1].map(|operation| combined(operation, &[&pair[0], &pair[1]]));
         for at in (0..20).map(|step| f64::from(step) * 50.0 + 25.0) {
@@ -125,7 +125,7 @@ fn areas_add_up_to_volumes() {
             assert_eq!(number, next);
             next += 1;
             volume += area(polygons) * width;
-            // One by one they are the same.
+            // Individual sections are the same.
             if number.is_multiple_of(100) {
                 let at = low[1] + (number as f64 + 0.5) * width;
                 assert_eq!(section(&body, CuttingPlane::across(1, at)), polygons);
@@ -137,7 +137,7 @@ fn areas_add_up_to_volumes() {
     }
 }
 
-/// Points of oblique planes are in polygons if they are in the body.
+/// Points on oblique planes are in polygons if and only if they are in the solid.
 #[test]
 fn points_in_sections_are_in_bodies() {
     let mut random = Random(3);

@@ -1,4 +1,4 @@
-//! Set operations on exact models of whole cells, against counts of these.
+//! Set operations on exact models made of whole cells, against cell counts.
 
 use spinney::brep::{Faces, Location};
 
@@ -9,7 +9,7 @@ use crate::common::sets::{Body, Solid, combined, exchanged, holds};
 /// Cells along each side of the space.
 const SIDE: i32 = 12;
 
-/// Faces, and the cells that they enclose, named by their least corners.
+/// Faces, and the cells that they enclose, identified by their minimum corners.
 struct Shape {
     faces: Solid,
     cells: Vec<bool>,
@@ -32,13 +32,13 @@ impl Shape {
         Shape::of(cuboid(min, max), |at| is_in(at, [min, max]))
     }
 
-    /// A box with another taken out of its middle.
+    /// A box with another one removed from its interior.
     fn hollow(outer: [[i32; 3]; 2], inner: [[i32; 3]; 2]) -> Shape {
         let faces = [cuboid(outer[0], outer[1]), turned(cuboid(inner[0], inner[1]))].concat();
         Shape::of(faces, |at| is_in(at, outer) && !is_in(at, inner))
     }
 
-    /// A square with a hole, upright.
+    /// A vertical square tube.
     fn tube([low, high]: [i32; 2], [from, to]: [i32; 2], [bottom, top]: [i32; 2]) -> Shape {
         let square = |low: i32, high: i32| vec![[low, low], [high, low], [high, high], [low, high]];
         let hole = square(from, to).into_iter().rev().collect();
@@ -48,7 +48,7 @@ impl Shape {
         })
     }
 
-    /// A box without a corner that goes from bottom to top.
+    /// A box without a corner, from bottom to top.
     fn angle(from: [i32; 2], notch: [i32; 2], to: [i32; 2], [bottom, top]: [i32; 2]) -> Shape {
         let [[a, b], [c, d], [e, f]] = [from, notch, to];
         let ring = vec![[a, b], [e, b], [e, d], [c, d], [c, f], [a, f]];
@@ -62,7 +62,7 @@ impl Shape {
     }
 }
 
-/// Fails if a body is not made of some cells, and what is outside of the space.
+/// Checks that a solid consists of the given cells, and of the space's exterior if `is_unbounded`.
 fn assert_is(body: &Body, cells: &[bool], is_unbounded: bool, name: &str) {
     let count = cells.iter().filter(|cell| **cell != is_unbounded).count() as f64;
     let expected = if is_unbounded { -count } else { count };
@@ -151,7 +151,7 @@ fn assert_operations((name, a, b): (&str, Shape, Shape)) {
         let cells: Vec<bool> =
             a.cells.iter().zip(&b.cells).map(|(a, b)| holds(operation, [*a, *b])).collect();
         assert_is(&result, &cells, operation >= 8, &name);
-        // (Of faces that lie on each other, those of the first body stay: their number is not that of the other order.)
+        // Of coincident faces, the first solid's are kept: their number depends on the order.
         if ![1, 2, 4, 7, 9].contains(&operation) {
             continue;
         }
@@ -170,7 +170,7 @@ fn operations_of_one_body() {
         assert_is(&result, &cells, operation >= 8, &operation.to_string());
         assert_eq!(result.model.len(), if operation % 3 == 0 && operation % 15 != 0 { 12 } else { 0 });
     }
-    // Twice the complement is the body, face by face.
+    // The complement of the complement is the solid, face by face.
     let same = combined(12, &[&combined(12, &[&body])]);
     let faces = |body: &Body| {
         let mut faces = Vec::new();
@@ -184,7 +184,7 @@ fn operations_of_one_body() {
     assert_eq!(faces(&same), faces(&body));
 }
 
-/// Nothing, everything and complements go on like other bodies.
+/// The empty set, the whole space and complements are valid operands.
 #[test]
 fn operations_on_nothing_everything_and_complements() {
     let shape = Shape::cuboid([2; 3], [8; 3]);
@@ -212,7 +212,7 @@ fn operations_on_nothing_everything_and_complements() {
     }
 }
 
-/// A box at random.
+/// Returns a random box.
 fn random_box(random: &mut Random, most: i32) -> Shape {
     let mut number = |below: i32| random.below(below as u64) as i32;
     let size = [0; 3].map(|_| 1 + number(most));
@@ -220,7 +220,8 @@ fn random_box(random: &mut Random, most: i32) -> Shape {
     Shape::cuboid(min, [0, 1, 2].map(|axis| min[axis] + size[axis]))
 }
 
-/// The table of many bodies, by the number of those after the first that have a place.
+/// Returns whether a result contains a point, for many solids, by the number of those after the
+/// first that contain it.
 fn holds_of_many(operation: u8, is_in: &[bool]) -> bool {
     let count = is_in.iter().filter(|is_in| **is_in).count();
     let inside = match if operation >= 8 { 15 - operation } else { operation } {
@@ -252,13 +253,13 @@ fn many_bodies_at_once() {
             assert_is(&result, &cells, operation >= 8, &format!("round {round}, operation {operation}"));
         }
     }
-    // Those that are in all.
+    // The solids that all have in common.
     let shapes = [[0, 8], [1, 9], [2, 10], [3, 12]].map(|[low, high]| Shape::cuboid([low; 3], [high; 3]));
     let bodies = shapes.each_ref().map(Shape::body);
     assert_eq!(combined(1, &bodies.each_ref()).volume(), 125.0);
 }
 
-/// One operation after the other, which may also make complements.
+/// A sequence of operations, which may also make complements.
 #[test]
 fn operations_one_after_the_other() {
     let mut random = Random(60);
@@ -279,6 +280,6 @@ fn operations_one_after_the_other() {
         assert_is(&body, &cells, far, &format!("step {step}, operation {operation}"));
         most = most.max(body.bytes.len());
     }
-    // No more faces than there are walls of cells.
+    // No more faces than cell walls.
     assert!(most < 200_000, "{most} bytes");
 }

@@ -1,4 +1,4 @@
-//! Faces cut into triangles: the worked examples of N. A. Tyukachev, and random faces with holes.
+//! Triangulated faces: the worked examples of N. A. Tyukachev, and random faces with holes.
 
 use spinney::brep::Faces;
 use spinney::raw::brep::topology::{Topology, TopologyOptions};
@@ -6,7 +6,7 @@ use spinney::raw::brep::{FaceList, Triangulated};
 
 use crate::common::exact::{Ring, model, prism};
 
-/// Triangles as lists of corners.
+/// Returns triangles as lists of vertices.
 fn triangles(list: &FaceList) -> Vec<[[i32; 3]; 3]> {
     let cut = Triangulated::of(list).unwrap();
     let mut found = Vec::new();
@@ -20,7 +20,7 @@ fn triangles(list: &FaceList) -> Vec<[[i32; 3]; 3]> {
     found
 }
 
-/// Twice the area of a triangle in the plane z = 0, as seen from above.
+/// Twice the area of a triangle in the plane z = 0, seen from above.
 fn area(corners: &[[i32; 3]; 3]) -> i64 {
     let [a, b, c] = corners.map(|at| at.map(i64::from));
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -36,7 +36,7 @@ fn a_face_around_a_triangle() {
     assert_eq!(found.len(), 7);
     assert!(found.iter().all(|triangle| area(triangle) > 0));
     assert_eq!(found.iter().map(area).sum::<i64>(), 900);
-    // No triangle goes across the inner one: its edges are there from both sides.
+    // No triangle crosses the inner one: its edges are used from both sides.
     for i in 0..3 {
         let (from, to) = (inner[i], inner[(i + 1) % 3]);
         let has = |edge: [[i32; 3]; 2]| found.iter().any(|t| (0..3).any(|k| [t[k], t[(k + 1) % 3]] == edge));
@@ -63,7 +63,8 @@ fn a_box_of_sixteen_triangles() {
     assert_eq!(topology.six_volumes(0), 6 * 512);
 }
 
-/// Of a square with many square holes: as many triangles as corners and holes say, none turned over, the same area.
+/// A square with many square holes: the number of triangles follows from vertices and holes, none
+/// is reversed, and the area is preserved.
 #[test]
 fn a_face_with_many_holes() {
     let square = |x: i32, y: i32, side: i32| -> Ring {

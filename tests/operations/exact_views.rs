@@ -1,4 +1,4 @@
-//! Exact models that are seen through maps, against files of what was moved.
+//! Exact models viewed through maps, against files of the transformed models.
 
 use spinney::brep::{BoxLocation, CuttingPlane, Faces, Hit, MassProperties, Motion};
 use spinney::raw::brep::ModelView;
@@ -13,7 +13,7 @@ fn seen(body: &Body, map: &Motion) -> ModelView {
     ModelView::of(ExactModel::from_bytes(body.bytes.clone()).unwrap(), map).unwrap()
 }
 
-/// A place in a box and around it, off the grid.
+/// Returns an off-grid point in or around a box.
 fn place(random: &mut Random, [low, high]: [[f64; 3]; 2]) -> [f64; 3] {
     [0, 1, 2].map(|axis| {
         let share = (random.below(1_400_000) as f64 + 0.31) / 1e6 - 0.2;
@@ -49,7 +49,7 @@ fn sections_are_near(a: &[SectionPolygon], b: &[SectionPolygon], normal: [f64; 3
         areas.sort_by(f64::total_cmp);
         areas
     };
-    // Rings turn as they have to, and enclose what is told.
+    // Rings have the right orientation, and enclose the reported area.
     let is_whole = |polygon: &SectionPolygon| {
         let mut doubled = 0.0;
         for ring in &polygon.rings {
@@ -70,7 +70,8 @@ fn sections_are_near(a: &[SectionPolygon], b: &[SectionPolygon], normal: [f64; 3
         && a.iter().all(is_whole)
 }
 
-/// Maps that leave grids as they are: signs and orders of coordinates, whole steps and one factor.
+/// Returns maps that preserve grids: signs and orders of coordinates, translations by whole units,
+/// and one scale factor.
 fn exact_maps() -> Vec<Motion> {
     let mut all = symmetries();
     let steps: [&[&str]; 5] = [
@@ -84,8 +85,9 @@ fn exact_maps() -> Vec<Motion> {
     all
 }
 
-/// A view through quarter turns, mirrors, whole steps and one factor answers as the file of what was moved: where points lie and measures are the
-/// same, and what lines meet but for the rounding of each file.
+/// A view through quarter turns, mirrorings, whole units and one factor returns the same results as
+/// the file of the transformed model: containment and measures are equal, and ray hits up to each
+/// file's rounding.
 #[test]
 fn views_of_grids_are_exact() {
     let mut random = Random(3);
@@ -99,7 +101,7 @@ fn views_of_grids_are_exact() {
             let bounds = model.bounds().unwrap();
             assert_eq!(view.bounds().unwrap(), bounds, "{map:?}");
             let (a, b) = (view.mass(&()).unwrap(), MassProperties::of(model, &()).unwrap());
-            // (Volumes beside the grid are doubles.)
+            // Volumes of off-grid solids are doubles.
             assert!(is_near(a.volume, b.volume));
             assert_eq!(MassProperties { volume: b.volume, ..a }, b, "{map:?}");
             let [own, others] = [view.part_measures(MEMORY, &()), model.part_measures(MEMORY, &())];
@@ -135,7 +137,7 @@ fn views_of_grids_are_exact() {
     }
 }
 
-/// Corners of the grid and what lies on faces are where they are, also at decimal steps.
+/// Grid points and points on faces are classified exactly, also for decimal grid units.
 #[test]
 fn what_lies_on_the_surface_does_so_in_exact_views() {
     use spinney::brep::{Grid, Location};
@@ -161,7 +163,8 @@ fn what_lies_on_the_surface_does_so_in_exact_views() {
     }
 }
 
-/// Any map: answers are those of the model's own points, carried there. What such a map changes is computed anew, or refused.
+/// Arbitrary maps: results are those of the model's own points, mapped. Quantities that such a map
+/// changes are recomputed, or rejected.
 #[test]
 fn views_through_any_map_carry_what_they_can() {
     let mut random = Random(8);
@@ -210,7 +213,7 @@ fn views_through_any_map_carry_what_they_can() {
             assert_eq!(contacts.is_ok(), factor.is_some());
         }
     }
-    // Boxes stay boxes where axes are kept.
+    // Boxes stay boxes if axes are preserved.
     let view = seen(&all[2], &motion(&["scale=1,2,0.5", "mirror=z"]));
     assert_eq!(view.bounds().unwrap(), [[0.0, 0.0, -1.5], [15.0, 14.0, 0.0]]);
     assert_eq!(view.locate_box([1.0, 1.0, -1.25], [14.0, 13.0, -0.25]).unwrap(), BoxLocation::Inside);
@@ -222,7 +225,7 @@ fn views_through_any_map_carry_what_they_can() {
     assert!(seen(&all[2], &motion(&["scale=3"])).as_model("pictures").is_ok());
 }
 
-/// Measures and sections against a file of what was moved, on a grid on which rounding does little.
+/// Measures and sections against a file of the transformed model, on a grid with little rounding.
 #[test]
 fn measures_and_sections_are_those_of_what_was_moved() {
     use spinney::brep::Grid;

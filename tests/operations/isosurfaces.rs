@@ -1,4 +1,4 @@
-//! Isosurfaces, against lines of marching squares on the faces of all cubes between neighbouring cells.
+//! Isosurfaces, against marching-squares lines on the faces of all cubes between adjacent cells.
 
 use std::collections::{HashMap, HashSet};
 use std::fs;
@@ -15,7 +15,7 @@ use crate::common::{Cells, QUAD, Random, byte, made, oct, opened, options, with,
 
 type Cell = [i64; 3];
 
-/// Numbers of a volume; what is outside, or void, has none, or the least if that is closed.
+/// Numbers of a volume. Outside and VOID cells have none, or the minimum if the surface is closed.
 struct Volume {
     size: [i64; 3],
     numbers: Vec<Option<f64>>,
@@ -23,7 +23,7 @@ struct Volume {
 }
 
 impl Volume {
-    /// A level of a tree.
+    /// Reads a level of a tree.
     fn of(tree: &Dataset, level: u8, closes: bool) -> Volume {
         let bounds = tree.extent_at(level);
         let cells = bounds.volume() as usize;
@@ -41,7 +41,7 @@ impl Volume {
         number.or_else(|| self.closes.then_some(f64::NEG_INFINITY))
     }
 
-    /// Cubes in which there may be a surface, by their first cells.
+    /// Returns whether a cube, given by its first cell, can contain a surface.
     fn has_cube(&self, first: Cell) -> bool {
         let is_near = (0..3).all(|axis| (-1..self.size[axis]).contains(&first[axis]));
         is_near
@@ -49,7 +49,7 @@ impl Volume {
                 .all(|corner| self.at([0, 1, 2].map(|axis| first[axis] + (corner >> axis & 1))).is_some())
     }
 
-    /// Where the surface crosses the edge from a cell to the next along an axis.
+    /// Returns where the surface crosses the edge from a cell to the next along an axis.
     fn crossing(&self, axis: usize, cell: Cell, level: f64) -> Option<f64> {
         let mut next = cell;
         next[axis] += 1;
@@ -58,7 +58,8 @@ impl Volume {
         ((a >= level) != (b >= level)).then_some(share.clamp(1e-6, 1.0 - 1e-6))
     }
 
-    /// Lines on the faces of cubes: pairs of edges, and of how many cubes it is a face.
+    /// Returns the lines on cube faces: pairs of edges, and the number of cubes that share the
+    /// face.
     fn lines(&self, level: f64) -> HashMap<[Edge; 2], usize> {
         let mut lines = HashMap::new();
         for axis in 0..3 {
@@ -76,7 +77,7 @@ impl Volume {
                     corner[c] += along_c;
                     corner
                 };
-                // Around the face; the edge from each to the next.
+                // Around the face; edge i joins corner i to the next one.
                 let corners = [step(0, 0), step(1, 0), step(1, 1), step(0, 1)];
                 let edges = [(b, corners[0]), (c, corners[1]), (b, corners[3]), (c, corners[0])];
                 let numbers = corners.map(|corner| self.at(corner).unwrap());
@@ -89,7 +90,7 @@ impl Volume {
                     add(a, b);
                 } else if crossed.len() == 4 {
                     let mean = numbers.map(|number| number / 4.0).iter().sum::<f64>();
-                    // What is not of the mean's side is cut off.
+                    // The corners on the other side than the mean are cut off.
                     let first = usize::from((numbers[0] >= level) == (mean >= level));
                     add(edges[first], edges[(first + 3) % 4]);
                     add(edges[first + 1], edges[first + 2]);
@@ -105,10 +106,11 @@ impl Volume {
     }
 }
 
-/// The edge from a cell to the next along an axis.
+/// An edge from a cell to the next along an axis.
 type Edge = (usize, Cell);
 
-/// The edge that a point lies on, and where on it; none if it is in the middle of a cube.
+/// Returns the edge that contains a point, and the position on it; `None` for a point inside a
+/// cube.
 fn edge_of(point: [f64; 3]) -> Option<(Edge, f64)> {
     let centred = point.map(|at| at - 0.5);
     let whole: Vec<usize> =
@@ -122,7 +124,7 @@ fn edge_of(point: [f64; 3]) -> Option<(Edge, f64)> {
 /// Checks a surface in cell coordinates against a volume.
 fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
     let places: Vec<Option<(Edge, f64)>> = mesh.vertices.iter().map(|point| edge_of(*point)).collect();
-    // All crossings are there once, and nothing else but points inside of cubes.
+    // Vertices are all crossings, each once, and points inside cubes.
     let mut edges = HashSet::new();
     for ((axis, cell), share) in places.iter().flatten() {
         assert!(edges.insert((*axis, *cell)), "{what}: {axis} {cell:?} twice");
@@ -130,7 +132,7 @@ fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
             volume.crossing(*axis, *cell, level).unwrap_or_else(|| panic!("{what}: {axis} {cell:?}"));
         assert!((share - expected).abs() < 1e-8, "{what}: {share}, not {expected}");
     }
-    // Edges are passed once in each direction, but for the surface's end.
+    // Edges are used once in each direction, except at the surface's border.
     let mut passed: HashMap<[u32; 2], u32> = HashMap::new();
     for [a, b, c] in &mesh.triangles {
         assert!(a != b && b != c && c != a, "{what}");
@@ -157,7 +159,7 @@ fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
             continue;
         };
         assert_eq!(*cubes == 1, is_open, "{what}: {a:?} {b:?}");
-        // Seen from outside of the triangle's cube, what is higher is on the right.
+        // Seen from outside the triangle's cube, higher values are on the right.
         let [from, to, third] = [from, to, third].map(|vertex| mesh.vertices[*vertex as usize]);
         let axis = (0..3).find(|axis| from[*axis] == to[*axis] && a.0 != *axis && b.0 != *axis).unwrap();
         let mut outside = [0.0; 3];
@@ -177,7 +179,7 @@ fn check(mesh: &SurfaceMesh, volume: &Volume, level: f64, what: &str) {
     assert!(lines.is_empty(), "{what}: without {lines:?}");
 }
 
-/// Few numbers, or any, some of them void.
+/// Returns few or many distinct numbers, some VOID.
 fn cells(seed: u64, size: [u64; 3]) -> Cells {
     let mut random = Random(seed);
     let form = oct(SampleType::F32, 1);
@@ -205,7 +207,7 @@ fn at(levels: &[f64]) -> ContourRequest {
     ContourRequest::new(ContourLevels::At(levels.to_vec()))
 }
 
-/// The surface of a level of detail, in its cells.
+/// Returns the surface of a level of detail, in cells of that level.
 fn surface(tree: &Dataset, request: &ContourRequest) -> SurfaceMesh {
     let mut mesh = isosurface_mesh(tree, request, &()).unwrap();
     let level = request.level.unwrap_or(tree.depth());
@@ -234,7 +236,7 @@ fn surfaces_are_those_of_marching_cubes() {
     for seed in 0..40 {
         let mut random = Random(seed ^ 99);
         let mut size = std::array::from_fn(|_| 1 + random.below(9));
-        // Some reach over several tiles.
+        // Some span several tiles.
         if seed % 4 == 0 {
             size[random.below(3) as usize] = 60 + random.below(80);
         }
@@ -262,12 +264,13 @@ fn surfaces_are_those_of_marching_cubes() {
     assert!(count > 100_000, "{count}");
 }
 
-/// A ball in a volume of so many cells along each side: its radius less the distance from a point near the middle.
+/// Returns a ball in a volume of `side` cells per side: its radius minus the distance from a point
+/// near the centre.
 fn ball(side: u64, radius: f64) -> Cells {
     ball_around(side as f64 / 2.0, [side; 3], radius)
 }
 
-/// A ball around a point near one that has the same number along each axis.
+/// Returns a ball around a point near the one with equal coordinates `middle`.
 fn ball_around(middle: f64, size: [u64; 3], radius: f64) -> Cells {
     let form = oct(SampleType::F32, 1);
     let middle = middle + 0.3;
@@ -297,7 +300,7 @@ fn a_ball_has_its_volume_and_area() {
                 let request = with(at(&[value]), |request| request.level = Some(level));
                 let mesh = isosurface_mesh(&tree, &request, &()).unwrap();
                 let radius = (30.0 - value) / 2.0;
-                // (The chords' error goes with the square of a cell.)
+                // The chord error is quadratic in the cell size.
                 let slack = (f64::from(1u32 << (tree.depth() - level)) / (30.0 - value)).powi(2);
                 let (volume, area) = (
                     std::f64::consts::PI * radius.powi(3) * 4.0 / 3.0,
@@ -306,7 +309,7 @@ fn a_ball_has_its_volume_and_area() {
                 let (found, around) = (volume_of(&mesh), area_of(&mesh));
                 assert!((found / volume - 1.0).abs() < slack, "{level} {value}: {found}, not {volume}");
                 assert!((around / area - 1.0).abs() < slack, "{level} {value}: {around}, not {area}");
-                // A ball's Euler characteristic.
+                // The Euler characteristic of a ball's surface.
                 let (vertices, triangles) = (mesh.vertices.len(), mesh.triangles.len());
                 assert_eq!(vertices, 2 + triangles / 2);
             }
@@ -316,7 +319,7 @@ fn a_ball_has_its_volume_and_area() {
 
 #[test]
 fn tiles_without_a_surface_are_not_read() {
-    // (Tiles have 64 cells along each side: eight of twelve meet here.)
+    // Tiles have 64 cells per side: eight of twelve meet here.
     let tree = tree_of(&ball_around(64.0, [192, 128, 128], 20.0));
     let found = |request: &ContourRequest| {
         let folder = tempfile::tempdir().unwrap();
@@ -326,19 +329,19 @@ fn tiles_without_a_surface_are_not_read() {
     let summary = found(&at(&[0.0]));
     assert_eq!((summary.surfaces, summary.tiles, summary.tiles_read), (1, 12, 8));
     assert!(summary.triangles > 5000 && summary.vertices == 2 + summary.triangles / 2);
-    // Levels that are never reached.
+    // Values that are never reached.
     for level in [30.0, -1000.0] {
         let summary = found(&at(&[level]));
         assert_eq!((summary.triangles, summary.vertices, summary.tiles_read), (0, 0, 0));
     }
-    // Around everything that has a value.
+    // Around all cells with a value.
     let closed = with(at(&[-1000.0]), |request| request.ends = ContourEnds::Close);
     assert_eq!(found(&closed).tiles_read, 0);
     let mesh = surface(&tree, &closed);
-    // (Edges are bevelled.)
+    // Edges are bevelled.
     let expected = 192.0 * 128.0 * 128.0 - 4.0 * (191.0 + 127.0 + 127.0) / 8.0;
     assert!((volume_of(&mesh) - expected).abs() < 20.0, "{}, not {expected}", volume_of(&mesh));
-    // All multiples that are reached, the lowest value being far away from the ball.
+    // All multiples that are reached; the minimum is far below the ball's values.
     let every = ContourRequest::new(ContourLevels::Every { step: 5.0, base: 0.5 });
     let least = tree.value_bounds().unwrap()[0].0;
     let summary = found(&every);
@@ -369,7 +372,7 @@ fn uniform_cells_are_as_many_small_ones() {
 
 #[test]
 fn formats_and_views_and_threads_give_the_same_bytes() {
-    // (Four tiles.)
+    // Four tiles.
     let cells = cells(12, [70, 12, 66]);
     let tree = tree_of(&cells);
     let folder = tempfile::tempdir().unwrap();
@@ -397,7 +400,7 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
     let text = String::from_utf8(one).unwrap();
     let parts: Vec<&str> = text.lines().filter(|line| line.starts_with("o ")).collect();
     assert_eq!(parts, ["o level_1", "o level_2.5", "o level_4"]);
-    // What is empty is no object.
+    // Empty surfaces are not written as objects.
     let request = at(&[2.5, 1000.0]);
     export_isosurfaces(
         &spinney::open(&path).unwrap(),
@@ -413,7 +416,7 @@ fn formats_and_views_and_threads_give_the_same_bytes() {
 
 #[test]
 fn single_precision_keeps_points_apart() {
-    // Levels that cells have themselves: all around such a cell there are points next to its centre.
+    // Levels equal to cell values: around such a cell there are points next to its centre.
     let cells = cells(5, [20, 18, 16]);
     let mut frame = Frame::identity();
     (frame.matrix[0][3], frame.matrix[1][3]) = (130_000.3, -70_000.9);
@@ -434,7 +437,7 @@ fn single_precision_keeps_points_apart() {
 
 #[test]
 fn solids_have_surfaces_of_their_occupancy() {
-    // What is empty counts as zero.
+    // VOID counts as zero.
     let form = oct(SampleType::U8, 1);
     let cells = made(form, [20; 3], |cell| {
         let away = cell.map(|at| at as f64 - 9.5);
@@ -446,7 +449,7 @@ fn solids_have_surfaces_of_their_occupancy() {
     let mesh = surface(&tree, &at(&[127.5]));
     let expected = std::f64::consts::PI * 512.0 * 4.0 / 3.0;
     assert!((volume_of(&mesh) / expected - 1.0).abs() < 0.01, "{}, not {expected}", volume_of(&mesh));
-    // Where they fill the whole, too, also if that ends where tiles do.
+    // Also if they fill the whole extent, even one that ends at a tile border.
     for side in [5, 32, 64, 70] {
         let cells = made(form, [side; 3], |_| Some(byte(255)));
         let tree = opened(|path| {
@@ -472,13 +475,13 @@ fn numbers_that_are_none_end_a_surface() {
         });
         let tree = tree_of(&cells);
         let mesh = surface(&tree, &at(&[2.25]));
-        // 5 x 5 squares at x = 2.75, but for the four around the hole.
+        // 5 x 5 squares at x = 2.75, without the four around the hole.
         assert_eq!((mesh.triangles.len(), area_of(&mesh)), (2 * 21, 21.0), "{hole}");
         let closed = with(at(&[2.25]), |request| request.ends = ContourEnds::Close);
         let mesh = surface(&tree, &closed);
         assert_eq!(mesh.vertices.len(), 2 + mesh.triangles.len() / 2, "{hole}");
     }
-    // The least and the greatest numbers.
+    // The minimum and maximum numbers.
     let ends = [f64::MIN, f64::MAX, 5e-324, 0.0].map(|number| form.value.splat(number));
     let cells = Cells { form, size: [2; 3], cells: [ends, [ends[0]; 4]].concat() };
     let tree = tree_of(&cells);
@@ -488,7 +491,7 @@ fn numbers_that_are_none_end_a_surface() {
     }
 }
 
-/// Work that is to stop after a few steps.
+/// Cancels after a few checks.
 struct Impatient(AtomicU64);
 
 impl Progress for Impatient {
@@ -545,7 +548,7 @@ fn damaged_files_give_errors() {
             bad[random.below(bytes.len() as u64) as usize] ^= 1 << random.below(8);
         }
         fs::write(&path, bad).unwrap();
-        // What is not needed for it may be damaged.
+        // Corruption of unneeded segments goes unnoticed.
         if let Ok(mesh) = spinney::open(&path).and_then(|tree| isosurface_mesh(&tree, &request, &())) {
             assert!(mesh.triangles.len() == expected.triangles.len() && seed % 3 > 0, "{seed}");
         }

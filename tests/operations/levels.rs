@@ -1,10 +1,11 @@
-//! Trees whose cells are two, four, ... times as large or small as a file's: those of a level that it has, bit by bit.
+//! Trees with cells two, four, ... times as large or small as the file's: identical to the file's
+//! own levels.
 
 use spinney::{Bounds, DataKind, Dataset, FileView, Output, Rule, SampleType, TreeType, WriteOptions};
 
 use crate::common::{Cells, Random, oct, options, quad, with, write_cells};
 
-/// The cells of a level, all of the tree's space.
+/// Returns all cells of a level.
 fn level(tree: &Dataset, level: u8) -> (Vec<u8>, Vec<bool>) {
     let form = tree.header().form;
     let space = Bounds::space(form.dimension, level);
@@ -59,7 +60,7 @@ fn halves_are_the_levels_of_the_file() {
     }
 }
 
-/// Windows on whole nodes, and others, which have parts of them.
+/// Windows aligned to nodes, and others with partial nodes.
 #[test]
 fn halves_of_windows_are_those_of_their_cells() {
     let directory = tempfile::tempdir().unwrap();
@@ -79,7 +80,7 @@ fn halves_of_windows_are_those_of_their_cells() {
         ["8,4,40,36", "8,4,53,46", "9,4,40,36", "7,3,33,31", "-4,-8,40,40", "0,0,61,50", "30,10,200,90"]
     {
         let window = format!("window={window}");
-        // (A file of the window has its cells alone.)
+        // A file of the window has only the window's cells.
         transformed("window.goblin", "file.goblin", &[&window]);
         let expected = transformed("expected.goblin", "window.goblin", &["scale=0.5"]);
         let found = transformed("found.goblin", "file.goblin", &[&window, "scale=0.5"]);

@@ -1,4 +1,4 @@
-//! Operations on trees, and questions to them, against arrays of cells.
+//! Operations on trees and queries, against arrays of cells.
 
 #[path = "../common/mod.rs"]
 mod common;

@@ -1,4 +1,5 @@
-//! Many files as one against one file of the same cells: windows at all levels, cells, statistics, zones, trees made of them; damage and change.
+//! Manifests of many files, against one file of the same cells: windows at all levels, cells,
+//! statistics, zones, trees built from them; corruption and changes.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +13,7 @@ use spinney::{
 
 use crate::common::{Cells, OCT, Random, made, quad, write_goblin};
 
-/// Files of parts of a space of cells, and what all of them together are.
+/// Files of boxes in a space of cells, and their union.
 struct Mosaic {
     folder: tempfile::TempDir,
     whole: Cells,
@@ -21,7 +22,7 @@ struct Mosaic {
 
 const CELL: f64 = 10.0;
 
-/// The frame of a part that begins at a cell.
+/// Returns the frame of a file that begins at a cell.
 fn frame([x, y, z]: [u64; 3]) -> Frame {
     let mut frame =
         Frame::planar([CELL, 0.0, 5000.0 + CELL * x as f64, 0.0, -CELL, 9000.0 - CELL * y as f64]);
@@ -34,7 +35,8 @@ fn open(path: &Path) -> Dataset {
 }
 
 impl Mosaic {
-    /// Files of the boxes, the later ones on top. Cells are those of one file if boxes do not overlap, else each has its own.
+    /// Writes files of the boxes, later ones on top. Cells are those of one file if boxes do not
+    /// overlap, otherwise each box has its own.
     fn new(form: TreeType, (rule, kind): (Rule, DataKind), boxes: &[Bounds], seed: u64) -> Mosaic {
         let folder = tempfile::tempdir().unwrap();
         let size = boxes.iter().fold([1; 3], |size: [u64; 3], bounds| {
@@ -75,7 +77,7 @@ impl Mosaic {
         (bytes, valid)
     }
 
-    /// Compares all that is exact, and levels where `levels` says that these are.
+    /// Compares all exact results, and coarser levels if `levels` is set.
     fn check(&self, levels: bool) {
         let (found, expected) = self.datasets();
         assert_eq!(found.header().extent, expected.header().extent);
@@ -90,7 +92,8 @@ impl Mosaic {
                 assert_eq!(valid, right_valid, "level {level}");
                 assert!(values == right, "level {level}");
             } else {
-                // What has cells has a value, what has none has none, but for what sticks out by parts of a node.
+                // Nodes with cells have values, nodes without have none, except nodes that extend
+                // partially beyond.
                 let differ = valid.iter().zip(&right_valid).filter(|(a, b)| a != b).count();
                 assert!(differ * 4 <= valid.len(), "level {level}: {differ} of {}", valid.len());
             }
@@ -118,7 +121,7 @@ impl Mosaic {
         for at in 0..cells.len() {
             assert_eq!(some.get(at), others.get(at));
         }
-        // One file of it is the file of the whole.
+        // A single file built from it equals the file of the whole.
         let one = self.folder.path().join("one.goblin");
         let output = Output::create(&one).unwrap();
         spinney::transform(&FileView::of(&self.manifest), output, WriteOptions::new(64 << 20), &()).unwrap();
@@ -203,7 +206,8 @@ fn ten_thousand_files_are_listed_without_being_opened() {
     (manifest.header.extent, manifest.header.shape.depth) = ([6400, 6400, 1], 13);
     std::fs::write(&path, manifest.to_text()).unwrap();
     assert_eq!(Manifest::open(&path, &Default::default()).unwrap(), manifest);
-    // Only the first is there: a question that touches it alone is answered, another one names the file that is missing.
+    // Only the first file exists: queries that touch it alone succeed, others report the missing
+    // file.
     let tree = open(&path);
     let (bytes, _) = Mosaic::window(&tree, 13, &part([3, 5], [20, 30]));
     assert_eq!(bytes[0], cells.get([3, 5, 0]).unwrap().to_bytes()[0]);
@@ -222,11 +226,11 @@ fn files_that_changed_or_are_others_are_named() {
     Mosaic::window(&tree, 7, &part([0, 0], [64, 64]));
     let error = tree.statistics(None, &()).unwrap_err().to_string();
     assert!(error.contains("part1.goblin") && error.contains("--add"), "{error}");
-    // Listed anew it is part of it, in its place.
+    // Listing it again restores it, at its position.
     list_files(&mosaic.manifest, true, std::slice::from_ref(&other), &[], &Default::default(), &()).unwrap();
     assert!(open(&mosaic.manifest).statistics(None, &()).unwrap().cells > 0);
     assert_eq!(Manifest::open(&mosaic.manifest, &Default::default()).unwrap().entries.len(), 2);
-    // Files of another form, or on another grid, or that are no trees.
+    // Files of another tree type or grid, or that are not trees.
     let wide = mosaic.folder.path().join("wide.goblin");
     write_goblin(
         &wide,
@@ -270,7 +274,7 @@ fn files_come_and_go() {
     list_files(&mosaic.manifest, true, &[], std::slice::from_ref(&gone), &Default::default(), &()).unwrap();
     assert_eq!(open(&mosaic.manifest).header().extent, [128, 128, 1]);
     assert!(list_files(&mosaic.manifest, true, &[], &[gone], &Default::default(), &()).is_err());
-    // Nobody changes it while somebody else does.
+    // Concurrent updates are rejected.
     let inner = Manifest::update(&mosaic.manifest, true, &Default::default(), &mut |manifest| {
         let other = list_files(&mosaic.manifest, true, &[], &[], &Default::default(), &());
         assert!(matches!(other, Err(Error::Locked { .. })));

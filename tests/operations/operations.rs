@@ -1,4 +1,5 @@
-//! Views against arrays of cells, worked examples of the literature, and files made of views and combinations.
+//! Views against arrays of cells, worked examples of the literature, and files built from views and
+//! combinations.
 
 use spinney::raw::ops::{AffineMap, Axis, Combined, Prefer, Sampling, View};
 use spinney::raw::store::builder::ReusableSource;
@@ -11,7 +12,7 @@ use crate::common::{
     value_types, view_in, view_of, view_of_cells, view_of_file,
 };
 
-/// A quadtree or octree with something of everything, and its cells.
+/// Returns a varied quadtree or octree and its cells.
 fn sample(form: TreeType, seed: u64, size: [u64; 3]) -> (View, Cells) {
     let cells = Cells::random(form, seed, size, 9, true);
     (view_of_cells(&cells), cells)
@@ -19,7 +20,7 @@ fn sample(form: TreeType, seed: u64, size: [u64; 3]) -> (View, Cells) {
 
 const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
-/// All orders of three axes.
+/// Returns all permutations of three axes.
 fn orders() -> Vec<[Axis; 3]> {
     let mut orders = Vec::new();
     for a in AXES {
@@ -34,7 +35,7 @@ fn orders() -> Vec<[Axis; 3]> {
     orders
 }
 
-/// Steps that take whole cells to whole cells, one after the other, on the view and on the array.
+/// Applies a sequence of operations that map cells to cells, to the view and to the array.
 fn exact_chain(form: TreeType, seed: u64, size: [u64; 3]) {
     let (mut view, mut cells) = sample(form, seed, size);
     let mut random = Random(seed ^ 77);
@@ -62,7 +63,8 @@ fn exact_chain(form: TreeType, seed: u64, size: [u64; 3]) {
                 view = view.translate(by.map(|by| by as f64)).unwrap();
                 let size = std::array::from_fn(|i| (cells.size[i] as i64 + by[i]) as u64);
                 cells = made(form, size, |cell| cells.at(std::array::from_fn(|i| cell[i] as i64 - by[i])));
-                // What went past the first cell is gone for the array: for the view, too, once it is cut off.
+                // Cells moved beyond the first cell are lost in the array; cropping removes them
+                // from the view, too.
                 view = view.window([0; 3], size).unwrap();
             }
             2 => {
@@ -152,7 +154,7 @@ fn affine(form: TreeType, seed: u64, size: [u64; 3], number: &mut impl FnMut() -
         cells.at(to_source.apply(centre).map(|place| place.floor() as i64))
     });
     assert_same(&seen(&view), &expected, &format!("seed {seed}: {rows:?}"));
-    // All of the source is there, so its map back has every cell's centre inside.
+    // The view contains all of the source, so the inverse map keeps every cell centre inside.
     let forth = to_source.inverse().unwrap();
     for corner in 0..8 {
         let end = std::array::from_fn(|i| if corner >> i & 1 > 0 { size[i] as f64 } else { 0.0 });
@@ -160,7 +162,7 @@ fn affine(form: TreeType, seed: u64, size: [u64; 3], number: &mut impl FnMut() -
         let inside = (0..3).all(|i| at[i] > -1e-5 && at[i] < view.extent()[i] as f64 + 1e-5);
         assert!(inside, "{at:?} of {:?}", view.extent());
     }
-    // And a window of it, turned once more.
+    // A window of it, rotated again.
     let size = view.extent();
     let part = std::array::from_fn(|i| size[i].div_ceil(2));
     let min = std::array::from_fn(|i| (size[i] / 4) as i64);
@@ -171,7 +173,7 @@ fn affine(form: TreeType, seed: u64, size: [u64; 3], number: &mut impl FnMut() -
         return;
     }
     let to_source = turned.to_source();
-    // The window's own cells do not count any more, but what lies outside it is not seen.
+    // Cells outside of the window are not visible.
     let to_window = to_source.then(&window.to_source().inverse().unwrap());
     let expected = made(form, turned.extent(), |cell| {
         let centre = [0, 1, 2].map(|i| cell[i] as f64 + 0.5);
@@ -182,7 +184,7 @@ fn affine(form: TreeType, seed: u64, size: [u64; 3], number: &mut impl FnMut() -
     assert_same(&seen(&turned), &expected, &format!("seed {seed}: window of {rows:?}, turned"));
 }
 
-/// The value of a cell's area in an array.
+/// Returns the value of an area in an array of cells.
 fn covered(cells: &Cells, rule: Rule, from: [f64; 3], to: [f64; 3]) -> Option<Value> {
     let value_type = cells.form.value;
     let mut shares: Vec<(Value, f64)> = Vec::new();
@@ -206,7 +208,7 @@ fn covered(cells: &Cells, rule: Rule, from: [f64; 3], to: [f64; 3]) -> Option<Va
     let most = shares.iter().map(|(_, share)| *share).fold(0.0, f64::max);
     match rule {
         Rule::Majority => {
-            // The first of several, row by row.
+            // The first of tied values, row by row.
             shares.iter().find(|(_, share)| *share > most - 1e-6).map(|(value, _)| *value)
         }
         _ if shares.is_empty() => None,
@@ -226,7 +228,7 @@ fn scaling_by_area() {
         let size = quad_size(&mut random);
         let by = [0.2 + random.below(300) as f64 / 100.0, 0.2 + random.below(300) as f64 / 100.0, 1.0];
         let (view, cells) = sample(QUAD, seed, size);
-        // A window first: nothing of what lies outside may come in.
+        // A window first: cells outside of it must not contribute.
         let min = [size[0] as i64 / 3, size[1] as i64 / 4, 0];
         let part = [size[0].div_ceil(2), size[1].div_ceil(2), 1];
         let view = view.window(min, part).unwrap();
@@ -240,7 +242,7 @@ fn scaling_by_area() {
         assert_eq!(found.size, expected.size);
         for (i, (a, b)) in found.cells.iter().zip(&expected.cells).enumerate() {
             let close = match (a, b) {
-                // One in the last place: the referee adds in another order.
+                // A difference of one: the reference adds in another order.
                 (Some(a), Some(b)) if rule == Rule::Mean => as_byte(*a).abs_diff(as_byte(*b)) <= 1,
                 _ => a == b,
             };
@@ -278,7 +280,8 @@ fn quarter_turns_of_the_literature() {
     for (from, to) in goes.into_iter().enumerate() {
         assert_eq!(turned.cells[to], Some(byte(from as u8)));
     }
-    // Octants: about each axis, in the numbering 4x + 2y + z and in 4x + 2z + y, as solved in the exercise.
+    // Octants: about each axis, in the numbering 4x + 2y + z and in 4x + 2z + y, as solved in the
+    // exercise.
     let tables: [(Axis, [usize; 8], bool); 6] = [
         (Axis::X, [1, 3, 0, 2, 5, 7, 4, 6], false),
         (Axis::Y, [4, 0, 6, 2, 5, 1, 7, 3], false),
@@ -290,8 +293,8 @@ fn quarter_turns_of_the_literature() {
     for (axis, goes, z_before_y) in tables {
         let number = |[x, y, z]: [u64; 3]| if z_before_y { 4 * x + 2 * z + y } else { 4 * x + 2 * y + z };
         let view = view_of_cells(&made(OCT, [2; 3], |cell| Some(byte(number(cell) as u8))));
-        // In the first numbering the printed turn about x takes (y, z) to (z, 1 - y): minus 90 degrees; so do the
-        // solutions about the other axes. In the second all are turned by plus 90.
+        // In the first numbering, the printed rotation about x maps (y, z) to (z, 1 - y): minus 90
+        // degrees; so do the solutions about the other axes. In the second all rotate by plus 90.
         let degrees = if z_before_y { 90.0 } else { -90.0 };
         let turned = seen(&view.transform(&AffineMap::rotation(axis, degrees, [1.0; 3])).unwrap());
         for z in 0..2 {
@@ -308,8 +311,9 @@ fn quarter_turns_of_the_literature() {
 
 #[test]
 fn window_of_the_literature() {
-    // 8 x 8 cells in 10 leaves, so 3 inner nodes; of the 4 x 4 window at (1, 1) the NW part splits to cells; the SE part
-    // lies in four VOID leaves, which the literature splits and merges back, and the view sees at once.
+    // 8 x 8 cells in 10 leaves, so 3 inner nodes. Of the 4 x 4 window at (1, 1), the NW quadrant is
+    // split to cells; the SE quadrant lies in four VOID leaves, which the literature splits and
+    // merges again, while the view merges them directly.
     let cells = made(QUAD, [8, 8, 1], |[x, y, _]| ((x < 2 && y < 2) || (x >= 6 && y >= 6)).then(|| byte(1)));
     let tree = cells.tree(Rule::Mean);
     assert_eq!(tree.inner_nodes(), 3);
@@ -352,10 +356,11 @@ fn frames_follow_or_move() {
     assert_eq!(shown.frame(false), shown.frame(true));
     assert_eq!(shown.frame(false).to_world([0.0; 3]), [105.0, 48.0, 0.0]);
     let turned = view.clone().transform(&AffineMap::rotation(Axis::Z, 90.0, [0.0; 3])).unwrap();
-    // Cell (0, 0) was at the west end of the top row; turned clockwise it is at the right of the top row.
+    // Cell (0, 0) was at the west end of the top row; after a clockwise rotation it is at the right
+    // end of the top row.
     let corner = turned.frame(false).to_world([29.5, 0.5, 0.0]);
     assert_eq!(corner, frame.to_world([0.5, 0.5, 0.0]));
-    // Moved, it is below and to the left of where it was turned about.
+    // Transformed, it is below and to the left of the centre of rotation.
     assert_eq!(turned.frame(true).to_world([30.0, 0.0, 0.0]), frame.to_world([0.0; 3]));
     let large = view.scale([2.0, 2.0, 1.0]).unwrap();
     assert_eq!(large.frame(false).to_world([80.0, 60.0, 0.0]), frame.to_world([40.0, 30.0, 0.0]));
@@ -364,8 +369,8 @@ fn frames_follow_or_move() {
 
 #[test]
 fn files_of_views_and_combinations() {
-    // The file that is built from a view is the file that is built from its cells, whatever was copied.
-    // (Nine blocks of 256 by 256 cells.)
+    // The file built from a view equals the file built from its cells, whatever segments were
+    // copied. (Nine blocks of 256 by 256 cells.)
     let size = [540, 530, 1];
     let [a, b] = [1, 2].map(|seed| Cells::random(QUAD, seed, size, 9, true));
     let (rule, kind) = (Rule::Majority, DataKind::Categorical);
@@ -412,7 +417,7 @@ fn files_of_views_and_combinations() {
 
 #[test]
 fn what_is_stored_is_offered_through_all_layers() {
-    // Nothing but speed would tell.
+    // Only the speed would differ.
     let size = [300, 200, 1];
     let file = goblin(&Cells::random(QUAD, 1, size, 9, true), Rule::Majority, DataKind::Categorical);
     let view = view_of_file(file, size);

@@ -1,4 +1,5 @@
-//! Set operations of files of polygons: what comes out of real and difficult pairs, attributes, systems, and what is refused.
+//! Set operations on polygon files: results of real and difficult pairs, attributes, coordinate
+//! systems, and rejected inputs.
 
 use std::path::{Path, PathBuf};
 
@@ -34,7 +35,7 @@ fn collection(crs: Option<u32>, features: &[(&str, &str)]) -> String {
     format!(r#"{{"type":"FeatureCollection",{crs}"features":[{}]}}"#, features.join(","))
 }
 
-/// The area of all polygons: of outer rings without those of holes, whatever their direction.
+/// Returns the area of all polygons: outer rings minus holes, whatever their orientation.
 fn area(layer: &PolygonLayer) -> f64 {
     let ring = |ring: &Vec<[f64; 2]>| {
         let next = ring.iter().cycle().skip(1);
@@ -44,7 +45,7 @@ fn area(layer: &PolygonLayer) -> f64 {
     layer.clone().into_parts().iter().map(polygon).sum()
 }
 
-/// The pairs of rust-geo-booleanop: areas of what it expects.
+/// The pairs of rust-geo-booleanop: areas of its expected results.
 #[test]
 fn difficult_pairs_have_the_expected_areas() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/poly2d/booleanop");
@@ -68,7 +69,8 @@ fn difficult_pairs_have_the_expected_areas() {
         let pair = [written("a.geojson", &features[0]), written("b.geojson", &features[1])];
         for wanted in &features[2..] {
             let properties = &wanted["properties"];
-            // (Results that are said to be wrong, those of rings that cross themselves, which it treats otherwise, as it does shells in each other and holes outside of theirs.)
+            // Skips results documented as wrong, and self-intersecting rings, nested shells and
+            // holes outside of their shells, which it treats differently.
             let name = path.to_string_lossy();
             let is_other =
                 ["selfintersecting", "issue71", "issue96"].iter().any(|other| name.contains(other));
@@ -81,7 +83,7 @@ fn difficult_pairs_have_the_expected_areas() {
                 "diff_ba" => "b-a",
                 other => other,
             };
-            // (Some results are left open.)
+            // Some results are not specified.
             if wanted["geometry"]["coordinates"].as_array().is_none_or(|own| own.is_empty()) {
                 continue;
             }
@@ -124,7 +126,7 @@ fn parts_have_the_attributes_of_all_they_are_in() {
         let output = path(&format!("c.{ending}"));
         let report = made(&pair, &request("and"), &output).unwrap();
         assert_eq!((report.parts, report.area), (2, 8.0));
-        // Both soils are there in a strip, where the last one counts.
+        // Both soils exist in a strip, where the last one counts.
         assert_eq!(report.shared, 1);
         let layer = read(&output);
         let names: Vec<&str> = layer.attributes.iter().map(|(name, _)| name.as_str()).collect();
@@ -150,7 +152,7 @@ fn parts_have_the_attributes_of_all_they_are_in() {
     assert_eq!(layer.crs.as_ref().and_then(|crs| crs.numbers()).map(|epsg| epsg.horizontal), Some(25832));
 }
 
-/// All sixteen operations by their numbers: what they have of each of the four parts of a box.
+/// All sixteen operations by their numbers: which of four regions of a box they select.
 #[test]
 fn operations_are_sums_of_parts() {
     let folder = tempfile::tempdir().unwrap();
@@ -175,7 +177,7 @@ fn operations_are_sums_of_parts() {
         assert_eq!(report.area, wanted, "operation {number}");
         std::fs::remove_file(&output).unwrap();
     }
-    // Of any number of files.
+    // Any number of files.
     let three = [path("a.geojson"), path("b.geojson"), path("a.geojson")];
     for (name, wanted) in [("and", 6.0), ("union", 22.0), ("xor", 6.0 + 6.0), ("a-b", 0.0)] {
         assert_eq!(made(&three, &request(name), &path("d.geojson")).unwrap().area, wanted, "{name}");

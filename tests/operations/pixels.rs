@@ -6,7 +6,7 @@ use spinney::{Bounds, DataKind, Dataset, Dimension, Output, Rule, SampleType, Tr
 
 use crate::common::{Cells, OCT, Random, dataset, quad, with};
 
-/// The numbers of an array of pixels; `-1e6` where a pixel is VOID.
+/// Returns the numbers of an array of pixels; `-1e6` for VOID pixels.
 fn exact(tree: &Dataset, bounds: Bounds, (width, height): (u64, u64), memory: u64) -> Vec<f64> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.raw");
@@ -22,7 +22,7 @@ fn exact(tree: &Dataset, bounds: Bounds, (width, height): (u64, u64), memory: u6
     }
 }
 
-/// The means of what pixels have of the cells of a window, the slow way.
+/// Returns the area-weighted means of pixels over a window's cells, by brute force.
 fn expected(cells: &Cells, rule: Rule, bounds: Bounds, (width, height): (u64, u64)) -> Vec<f64> {
     let size = bounds.size();
     let channels = usize::from(cells.form.value.channels);
@@ -32,7 +32,7 @@ fn expected(cells: &Cells, rule: Rule, bounds: Bounds, (width, height): (u64, u6
             let (mut sums, mut area) = (vec![0.0; channels], 0.0);
             for y in 0..size[1] {
                 for x in 0..size[0] {
-                    // Of the cell's 0..1 in the window, in pixels, what lies in this one.
+                    // The overlap of the cell's interval with the pixel, in pixels.
                     let part = |cell: u64, pixel: u64, pixels: u64, cells: u64| {
                         let scale = pixels as f64 / cells as f64;
                         let low = (cell as f64 * scale).max(pixel as f64);

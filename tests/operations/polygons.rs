@@ -1,4 +1,5 @@
-//! Polygons of classes with simplified borders: neighbours keep one border, and junctions stay where they are.
+//! Polygons of classes with simplified borders: neighbours share one border, and junctions stay
+//! fixed.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -7,12 +8,13 @@ use spinney::{DataKind, Rule};
 
 use crate::common::{Cells, QUAD, Random, as_byte, byte, dataset, made};
 
-/// Error of distances between corners, which are whole cells below 2^10, in double precision, with room to spare.
+/// Bound of the double-precision error of distances between vertices, which are integers below
+/// 2^10.
 const ROUNDING: f64 = 1e-9;
 
 type Point = [f64; 2];
 
-/// A region: its class, and rings, which end with the point that they begin with.
+/// A region: its class and its closed rings.
 struct Region {
     class: u64,
     cells: u64,
@@ -37,7 +39,7 @@ fn regions(cells: &Cells, request: &PolygonRequest) -> Vec<Region> {
     found
 }
 
-/// A map of classes: waves with noise at their borders, some of it VOID.
+/// Returns a map of classes: waves with noise at their borders, some of it VOID.
 fn map(seed: u64, size: [u64; 3], has_void: bool) -> Cells {
     let mut random = Random(seed);
     let waves: Vec<[f64; 3]> = (0..4)
@@ -60,7 +62,7 @@ fn key(point: Point) -> [u64; 2] {
     point.map(f64::to_bits)
 }
 
-/// Edges with their directions, each with its region.
+/// Returns directed edges with their regions.
 fn edges(regions: &[Region]) -> HashMap<[[u64; 2]; 2], usize> {
     let mut all = HashMap::new();
     for (number, region) in regions.iter().enumerate() {
@@ -73,7 +75,8 @@ fn edges(regions: &[Region]) -> HashMap<[[u64; 2]; 2], usize> {
     all
 }
 
-/// Pairs of regions with a common border, and the part of it that each edge is; those beside nothing have `None`.
+/// Returns pairs of regions with a common border, and the length of that border; `None` is the
+/// outside or VOID.
 fn neighbours(edges: &HashMap<[[u64; 2]; 2], usize>) -> BTreeMap<(usize, Option<usize>), usize> {
     let mut pairs = BTreeMap::new();
     for ([a, b], own) in edges {
@@ -82,7 +85,7 @@ fn neighbours(edges: &HashMap<[[u64; 2]; 2], usize>) -> BTreeMap<(usize, Option<
     pairs
 }
 
-/// Corners of cells where three or four borders meet, and those of the picture.
+/// Returns cell corners where three or four borders meet, and those of the raster.
 fn junctions(cells: &Cells) -> HashSet<[u64; 2]> {
     let [width, height, _] = cells.size;
     let class = |x: u64, y: u64| match (x.checked_sub(1), y.checked_sub(1)) {
@@ -101,7 +104,7 @@ fn junctions(cells: &Cells) -> HashSet<[u64; 2]> {
     found
 }
 
-/// The distance of a point from a segment.
+/// Returns the distance of a point from a segment.
 fn distance([x, y]: Point, [a, b]: [Point; 2]) -> f64 {
     let [across, down] = [b[0] - a[0], b[1] - a[1]];
     let along = ((x - a[0]) * across + (y - a[1]) * down) / (across * across + down * down);
@@ -114,7 +117,7 @@ fn simplified_borders_are_those_of_both_neighbours() {
     let (mut points, mut kept) = (0, 0);
     for seed in 0..12 {
         let has_void = seed % 3 == 1;
-        // (The last is so large that borders go through many blocks, and are simplified in parts.)
+        // The last one is so large that borders cross many blocks, and are simplified in sections.
         let size = if seed == 11 { [700, 520, 1] } else { [90 + 7 * seed, 60 + 5 * seed, 1] };
         let cells = map(seed, size, has_void);
         let exact = regions(&cells, &PolygonRequest::new());
@@ -128,7 +131,8 @@ fn simplified_borders_are_those_of_both_neighbours() {
         let (before, after) = (edges(&exact), edges(&found));
         (points, kept) = (points + before.len(), kept + after.len());
 
-        // Whoever had a border in common has it still, with both on it; and all others are beside VOID or the outside, as they were.
+        // Regions that shared a border still do, and each border has both regions on it; all other
+        // borders are at VOID or the outside, as before.
         let (was, is) = (neighbours(&before), neighbours(&after));
         assert_eq!(is.keys().collect::<Vec<_>>(), was.keys().collect::<Vec<_>>(), "{seed}");
         for ((own, other), count) in &is {
@@ -137,7 +141,8 @@ fn simplified_borders_are_those_of_both_neighbours() {
             }
         }
 
-        // Corners are those of before; none of the junctions has moved, and no other corner is farther away than was asked for.
+        // Vertices are a subset of the old ones; no junction has moved, and no removed vertex is
+        // farther from the border than the tolerance.
         let corners = |edges: &HashMap<[[u64; 2]; 2], usize>| -> HashSet<[u64; 2]> {
             edges.keys().map(|[from, _]| *from).collect()
         };
@@ -149,7 +154,7 @@ fn simplified_borders_are_those_of_both_neighbours() {
         for (own, simple) in exact.iter().zip(&found) {
             assert_eq!(own.rings.len(), simple.rings.len(), "{seed}");
             for (ring, simple) in own.rings.iter().zip(&simple.rings) {
-                // (The same ring, with the same turn.)
+                // The same ring, with the same orientation.
                 assert_eq!(area(ring) > 0.0, area(simple) > 0.0, "{seed}");
                 let near = |point: &&Point| {
                     simple
@@ -160,7 +165,7 @@ fn simplified_borders_are_those_of_both_neighbours() {
             }
         }
 
-        // What one loses another has; without VOID all of them are the whole picture.
+        // Areas are only exchanged between regions; without VOID they add up to the whole raster.
         let sum = |all: &[Region]| all.iter().flat_map(|own| &own.rings).map(|ring| area(ring)).sum::<f64>();
         assert_eq!(sum(&exact), cells.count() as f64);
         if !has_void {

@@ -1,4 +1,4 @@
-//! Windows, points, statistics and searches against the simplest model: an array of cells.
+//! Windows, points, statistics and searches against an array of cells.
 
 use std::path::Path;
 
@@ -10,10 +10,10 @@ use crate::common::{
     write_cells,
 };
 
-/// A box somewhere in, across or outside a space of `side` cells per axis.
+/// Returns a box in, across or outside a space of `side` cells per axis.
 fn some_bounds(dimension: Dimension, random: &mut Random, side: u64) -> Bounds {
     let mut bounds = Bounds { min: [0; 3], max: [1; 3] };
-    // (More cells than there are of a segment's blocks, in either dimension.)
+    // Larger than a segment's blocks, in either dimension.
     let most = if dimension == Dimension::Quad { 90 } else { 40 };
     for axis in 0..dimension.axes() {
         bounds.min[axis] = random.below(side + side / 4 + 1);
@@ -28,9 +28,10 @@ fn cells_of(bounds: &Bounds) -> impl Iterator<Item = [u64; 3]> {
         .flat_map(move |z| (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| [x, y, z])))
 }
 
-/// Compares rows that stand in the file with what a window reads; tells how many boxes do.
+/// Compares the file's stored rows with what a window reads. Returns the number of boxes that are
+/// stored.
 fn stored(form: TreeType, seed: u64, size: [u64; 3], is_noise: bool) -> usize {
-    // (Noise without VOID.)
+    // Noise without VOID.
     let noise =
         |[x, y, z]: [u64; 3]| Some(common::value(form.value, (x * 31 + y * y * 57 + z * 91 + x * y) % 200));
     let cells = if is_noise { made(form, size, noise) } else { Cells::random(form, seed, size, 9, true) };
@@ -145,7 +146,7 @@ fn an_aligned_tile_needs_few_segments() {
     }
 }
 
-/// Windows anywhere, those around borders of large nodes among them: each of the nodes that they meet has its part in one segment.
+/// Windows anywhere, including around borders of large nodes: one segment per node that they touch.
 #[test]
 fn a_window_that_is_not_aligned_needs_few_segments() {
     for (form, size, side, most) in
@@ -183,7 +184,7 @@ fn a_window_that_is_not_aligned_needs_few_segments() {
 fn statistics(form: TreeType, seed: u64, size: [u64; 3], rule: Rule, kind: DataKind) {
     let cells = Cells::random(form, seed, size, 12, seed.is_multiple_of(2));
     let file = goblin(&cells, rule, kind);
-    // (Differences, of which f64 has those of integers of 64 bits, too.)
+    // As differences, which f64 can represent also for 64-bit integers.
     let base = common::value(form.value, 0);
     let number = |value: &Value, channel: usize| form.value.samples_from(base, *value)[channel];
     let mut random = Random(seed);
@@ -289,7 +290,7 @@ fn search(form: TreeType, seed: u64, size: [u64; 3], kind: DataKind, condition: 
                 assert!(inside.contains(&Bounds { min: cell, max: cell.map(|c| c + 1) }));
                 assert!(meets(cell) && covered.insert(cell));
             }
-            // No larger block would do.
+            // A larger block would not qualify.
             let code = Code::parse(form.dimension, &block.code).unwrap();
             if let Some(parent) = code.parent() {
                 let depth = file.header().shape.depth;
@@ -312,7 +313,7 @@ fn searches_find_all_and_the_largest() {
     search(quad(F32, 1), 3, [300, 300, 1], DataKind::Continuous, Condition::Below((-11.0).into()));
     search(OCT, 4, [40, 70, 66], DataKind::Continuous, Condition::Above(2.0.into()));
     for (seed, value) in (10..).zip(value_types()) {
-        // The first numbers of signed types are below zero.
+        // The lowest numbers of signed types are negative.
         let bound = value.first_number(common::value(value, 2));
         search(
             TreeType::new(Dimension::Quad, value),
@@ -331,7 +332,7 @@ fn searches_find_all_and_the_largest() {
     }
 }
 
-/// Asserts that statistics of windows of cells are right to nine digits, of both formats and of views.
+/// Checks that statistics of windows are right to nine digits, in both formats and in views.
 fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
     let size = [300, 170, 1];
     let cells = made(form, size, |[x, y, _]| {
@@ -359,7 +360,7 @@ fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
             if values.is_empty() {
                 continue;
             }
-            // Around a number near by, where f64 has digits enough.
+            // Relative to a nearby number, where f64 has enough digits.
             let (near, count) = (values[0], values.len() as f64);
             let mean = values.iter().map(|value| value - near).sum::<f64>() / count;
             let squares = values.iter().map(|value| (value - near - mean).powi(2)).sum::<f64>();
@@ -367,7 +368,7 @@ fn exact_to_nine_digits(form: TreeType, number: impl Fn(u64) -> f64) {
             let found = file.statistics(Some(inside), &()).unwrap().channels[0];
             let off = (found.standard_deviation - expected).abs();
             assert!(off <= 1e-9 * expected, "{found:?}, {expected}");
-            // (A mean is as near as an f64 can be.)
+            // The mean has f64 precision.
             assert!((found.mean - (near + mean)).abs() <= 1e-15 * near.abs(), "{found:?}, {mean}");
         }
     }
@@ -380,7 +381,7 @@ fn standard_deviations_of_large_numbers_keep_their_digits() {
     exact_to_nine_digits(quad(SampleType::F32, 1), |index| 1e6 + (index * 7 % 97) as f64 / 16.0);
     exact_to_nine_digits(quad(SampleType::F32, 1), |index| (index * 7919 % 10007) as f64 / 1e3);
     exact_to_nine_digits(quad(SampleType::I32, 1), |index| 2.1e9 + (index * 7 % 60) as f64);
-    // Of equal cells there is none, whatever their number.
+    // Equal cells have no deviation, whatever their number.
     let cells = made(quad(SampleType::F64, 1), [5, 3, 1], |_| Some(Value::from(0.1f64.to_le_bytes())));
     let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
     assert_eq!(file.statistics(None, &()).unwrap().channels[0].standard_deviation, 0.0);
@@ -408,7 +409,7 @@ fn statistics_of_numbers_without_bounds() {
 
 #[test]
 fn very_many_classes_are_counted_exactly() {
-    // More than are pending at a time, in no order.
+    // More than are pending at a time, in random order.
     let form = quad(SampleType::U32, 1);
     let cells = made(form, [150, 120, 1], |[x, y, _]| {
         let number = Random(x + 150 * y).below(14_000) as u32;
@@ -440,7 +441,7 @@ fn points_below_dense_blocks_that_end_with_their_segments() {
         let tree = dataset(&cells, Rule::Mean, DataKind::Continuous);
         let mut random = Random(4);
         let (mut samples, mut value) = (PointSamples::default(), [Number::default(); 4]);
-        // The more there are, the deeper the table that they begin at.
+        // The more points there are, the deeper the table that the search starts from.
         for count in [1, 20, 100, 1000, 20_000] {
             for level in [tree.depth(), tree.depth() - 1, tree.depth() - 4] {
                 let shift = tree.depth() - level;

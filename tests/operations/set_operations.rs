@@ -1,4 +1,4 @@
-//! Set operations and operations on values against arrays of cells, and the algebra they obey.
+//! Set operations and operations on values against arrays of cells, and the laws of their algebra.
 
 use spinney::raw::ops::Prefer;
 use spinney::tree::{MemTree, Source};
@@ -9,7 +9,7 @@ use crate::common::{
     quad, quad_size, set_operation, value_types, view_of, view_of_cells,
 };
 
-/// The cells of two trees over one space.
+/// Returns the cells of two trees over one space.
 fn pair(form: TreeType, seed: u64, size: [u64; 3]) -> [Cells; 2] {
     [0, 1].map(|i| Cells::random(form, seed * 2 + i, size, 4, true))
 }
@@ -38,7 +38,7 @@ fn set_operations(form: TreeType, seed: u64, size: [u64; 3]) {
                 &expected,
                 &format!("{form}, seed {seed}, operation {number}, {prefer:?}"),
             );
-            // Nothing outside the picture.
+            // No cells outside of the extent.
             let side = 1u64 << combined.depth();
             let all =
                 cells_of(&combined, [side, side, if form.dimension == Dimension::Oct { side } else { 1 }]);
@@ -78,7 +78,7 @@ fn algebra_of_sets() {
     let left = of(12, vec![of(7, vec![a.clone(), b.clone()])]);
     let right = of(1, vec![of(12, vec![a.clone()]), of(12, vec![b.clone()])]);
     assert_eq!(present(&left), present(&right));
-    // Either white makes an intersection white (the print says both).
+    // An intersection is white if either operand is (the print says both).
     let area = |tree: &MemTree| present(tree).iter().filter(|there| **there).count();
     let (union, both) = (of(7, vec![a.clone(), b.clone()]), of(1, vec![a.clone(), b.clone()]));
     assert_eq!(area(&union) + area(&both), area(&a) + area(&b));
@@ -89,10 +89,11 @@ fn algebra_of_sets() {
     assert_eq!(area(&of(0, vec![a.clone(), a])), 0);
 }
 
-/// What an operation makes of two cells.
+/// An operation on two cells.
 type Join<'a> = Box<dyn Fn(Option<Value>, Option<Value>) -> Option<Value> + 'a>;
 
-/// The value nearest to what a function makes of each channel's numbers, where both have one.
+/// Returns an operation on each channel's numbers, rounded to the nearest value, where both cells
+/// have one.
 fn on_numbers(value: ValueType, join: fn(Number, Number) -> Number) -> Join<'static> {
     Box::new(move |a, b| {
         let (a, b) = (value.numbers(a?), value.numbers(b?));
@@ -100,7 +101,7 @@ fn on_numbers(value: ValueType, join: fn(Number, Number) -> Number) -> Join<'sta
     })
 }
 
-/// What is made of two numbers: of integers exactly, kept within those of 64 bits.
+/// Computes with two numbers: integers exactly, clamped to 64 bits.
 fn computed(a: Number, b: Number, whole: fn(i128, i128) -> i128, float: fn(f64, f64) -> f64) -> Number {
     if matches!(a, Number::Float(_)) {
         return float(a.to_f64(), b.to_f64()).into();

@@ -1,4 +1,4 @@
-//! Shares of classes in cells of other sizes, whose areas are often the same for several classes: none is preferred.
+//! Area shares of classes in cells of other sizes, with frequent ties: no class is preferred.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use crate::common::{Cells, Random, quad, value, write_goblin};
 
 const SIDE: u64 = 256;
 
-/// Four classes at random, in cells of a size.
+/// Writes four random classes, in cells of a size.
 fn write(path: &Path, side: u64, cell: f64, seed: u64) {
     let form = quad(SampleType::U8, 1);
     let mut random = Random(seed);
@@ -46,7 +46,7 @@ fn areas_prefer_no_class() {
             write(&source, SIDE, 1.0, 100 + seed);
             let mut view = FileView::of(&source);
             view.steps = steps.iter().map(|step| step.parse().unwrap()).collect();
-            // (Steps to no other grid go by the file's rule.)
+            // Operations that keep the grid use the file's rule.
             view.warp.resampling = steps[0].starts_with("like=").then_some(Resampling::Majority);
             spinney::transform(&view, Output::create(&made).unwrap(), WriteOptions::new(64 << 20), &())
                 .unwrap();
@@ -54,7 +54,8 @@ fn areas_prefer_no_class() {
                 *difference += (found - own) / f64::from(rasters as u32);
             }
         }
-        // As if each result had but as many independent cells as are in 60 x 60: neighbours are made of the same cells.
+        // As if each result had only the 60 x 60 independent cells: adjacent results share source
+        // cells.
         let deviation = (0.25f64 * 0.75 / (60.0 * 60.0 * rasters as f64)).sqrt();
         assert!(
             differences.iter().all(|difference| difference.abs() < 3.0 * deviation),

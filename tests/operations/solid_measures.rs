@@ -5,14 +5,14 @@ use spinney::{Bounds, Dataset, Frame, Rule};
 use crate::common::{Cells, OCT, as_byte, byte, made, opened, write_goblin};
 use crate::solids::{SOLID, ball, blocks, byte_at, every_cell, solid};
 
-/// How full the cells of a level are, in an array, with empty ones around.
+/// The occupancy of a level's cells in an array, with a margin of empty ones.
 struct Fill {
     side: i64,
     cells: Vec<u8>,
 }
 
 impl Fill {
-    /// Empty cells on each side: as many as a moment reaches beyond a face on the border.
+    /// Empty cells on each side: as far as a moment extends beyond a face on the border.
     const AROUND: i64 = 5;
 
     fn of(side: u64, fill: impl Fn([u64; 3]) -> u8) -> Fill {
@@ -36,13 +36,14 @@ impl Fill {
     }
 }
 
-/// The area of a solid's smooth surface by its definition: of each face between a cell that is half full and one that
-/// is not, the projection along the first moment of the occupancy within 4 cells, with weights that fall to 0 at
-/// the sphere.
+/// The area of a solid's smooth surface by its definition: for each face between a cell that is at
+/// least half full and one that is not, the projection along the first moment of the occupancy
+/// within 4 cells, with weights that fall to 0 at the sphere.
 fn naive_area(fill: &Fill) -> f64 {
     let mut area = 0.0;
     for axis in 0..3 {
-        // The cells that count, by how far away in the array they are: weights, and these times the way from the face's middle.
+        // The contributing cells, by their offset in the array: weights, and weights times the
+        // vector from the face's centre.
         let mut around = Vec::new();
         for other in every_cell([9; 3]) {
             let other = other.map(|at| at as i64 - 4);
@@ -73,13 +74,13 @@ fn naive_area(fill: &Fill) -> f64 {
 
 #[test]
 fn surfaces_of_half_full_cells_and_of_large_blocks() {
-    // Cells of any fullness, so that some in the middle of the solid do not count.
+    // Cells of any occupancy, so that some in the interior do not count.
     let graded = made(OCT, [40, 23, 37], |[x, y, z]| {
         let fill = (x * 7919 + y * 104_729 + z * 1_299_709) >> 3 & 255;
-        // (250 stands for VOID where cells are written.)
+        // 250 is the nodata value for writing cells.
         (fill > 99 && fill != 250).then(|| byte(fill as u8))
     });
-    // Blocks of 64 cells beside each other and at the border, with a hole that reaches over several.
+    // Blocks of 64 cells next to each other and at the border, with a hole across several.
     let large = made(OCT, [128, 100, 64], |[x, y, z]| {
         let is_hole = (30..80).contains(&x) && (20..50).contains(&y) && (31..33).contains(&z);
         (x < 64 || z < 32).then(|| byte(255)).filter(|_| !is_hole)
@@ -107,7 +108,7 @@ fn surfaces_of_half_full_cells_and_of_large_blocks() {
     let cube = made(OCT, [256; 3], |cell| cell.iter().all(|cell| *cell < 128).then(|| byte(255)));
     let found = solid(&cube).solid_surface(8, &()).unwrap();
     assert_eq!(found.faces, [2 * 128 * 128; 3]);
-    // Of 4 x 4 blocks on each of six sides those at its border.
+    // Of 4 x 4 blocks on each of six sides, those at its border.
     assert_eq!(found.blocks, 6 * 12);
 }
 
@@ -119,7 +120,7 @@ fn solids_are_measured_node_by_node() {
     assert_eq!(file.solid(6, &()).unwrap().nodes, file.metadata().counts.records());
     let above: Vec<u64> = (0..=6).map(|level| file.solid(level, &()).unwrap().nodes).collect();
     assert!(above.is_sorted() && above[0] == 0 && above[1] == 1, "{above:?}");
-    // Threads change nothing, not even the last digits.
+    // The result does not depend on the thread count, not even in the last digit.
     let [one, three] = [1, 3].map(|threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| (file.solid(6, &()).unwrap(), file.solid_surface(6, &()).unwrap()))
@@ -165,7 +166,7 @@ fn solids_are_measured_as_they_are_counted() {
             assert_eq!((found.cells, found.bounds), (count, bounds), "{what}");
             let surface = file.solid_surface(level, &()).unwrap();
             assert_eq!((surface.level, surface.faces), (level, faces), "{what}");
-            // (The world is in cells of the deepest level.)
+            // World coordinates are in cells of the deepest level.
             let area = naive_area(&fill) * 4f64.powi(i32::from(cells.depth() - level));
             let found_area = surface.smooth_area();
             assert!((found_area - area).abs() < 1e-9 * area.max(1.0), "{what}: {found_area} {area}");
@@ -189,7 +190,7 @@ fn surfaces_are_near_the_true_ones() {
         found.smooth_area() / sphere(25.0)
     );
     assert!((found.block_area() / sphere(25.0) - 1.5).abs() < 0.02);
-    // A coarser level keeps the volume but for rounding each cell, and nearly the surface.
+    // A coarser level keeps the volume up to the rounding of each cell, and nearly the surface.
     let volume = |level: u8| file.solid(level, &()).unwrap().world_volume();
     assert!((volume(4) / volume(6) - 1.0).abs() < 0.005);
     let coarse = file.solid_surface(4, &()).unwrap();
@@ -198,7 +199,7 @@ fn surfaces_are_near_the_true_ones() {
         "{}",
         coarse.smooth_area() / sphere(25.0)
     );
-    // Of a cube only the edges are rounded.
+    // A cube is only rounded at its edges.
     let cube = made(OCT, [64; 3], |cell| cell.iter().all(|cell| (8..56).contains(cell)).then(|| byte(255)));
     let found = solid(&cube).solid_surface(6, &()).unwrap();
     let area = 6.0 * 48.0 * 48.0;
@@ -206,14 +207,14 @@ fn surfaces_are_near_the_true_ones() {
     assert!((found.smooth_area() / area - 1.0).abs() < 0.08, "{}", found.smooth_area() / area);
 }
 
-/// A file in a frame.
+/// Writes a file with a frame.
 fn framed(cells: &Cells, matrix: [[f64; 4]; 3]) -> Dataset {
     opened(|path| write_goblin(path, cells, SOLID, Frame { matrix, ..Frame::identity() }))
 }
 
 #[test]
 fn measures_go_through_the_frame() {
-    // Cells of 1 by 2 by 4, mirrored along y and turned about z: the ball becomes an ellipsoid.
+    // Cells of 1 by 2 by 4, mirrored along y and rotated about z: the ball becomes an ellipsoid.
     let (s, c) = (0.6, 0.8);
     let matrix = [[c, 2.0 * s, 0.0, 100.0], [s, -2.0 * c, 0.0, -50.0], [0.0, 0.0, 4.0, 7.0]];
     let file = framed(&ball(6, 25.0), matrix);
@@ -222,7 +223,7 @@ fn measures_go_through_the_frame() {
     let centre = found.world_centre().unwrap();
     let expected = [c * 32.0 + 2.0 * s * 32.0 + 100.0, s * 32.0 - 2.0 * c * 32.0 - 50.0, 4.0 * 32.0 + 7.0];
     assert!(centre.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{centre:?}");
-    // By Thomsen's formula, good to one percent.
+    // Thomsen's formula, accurate to one percent.
     let [a, b, d] = [25.0f64, 50.0, 100.0];
     let p = 1.6075;
     let surface = file.solid_surface(6, &()).unwrap();

@@ -1,4 +1,5 @@
-//! Questions to octrees against the simplest model: points, boxes, slices, measures of solids, rays, pictures.
+//! Queries of octrees against an array of cells: points, boxes, slices, measures of solids, rays,
+//! images.
 
 use std::path::Path;
 
@@ -16,13 +17,13 @@ use spinney::{
 
 use crate::common::{Cells, OCT, QUAD, Random, as_byte, byte, dataset, goblin, made, oct, value_types, with};
 
-/// Blocks and dust, full where there is something.
+/// Returns blocks and isolated cells; existing cells are full.
 pub(super) fn blocks(seed: u64, size: [u64; 3]) -> Cells {
     let random = Cells::random(OCT, seed, size, 6, true);
     made(OCT, size, |cell| random.get(cell).filter(|number| as_byte(*number) < 4).map(|_| byte(255)))
 }
 
-/// Balls of this many cells across, in a cube of `2^depth`.
+/// Returns a ball with this radius in cells, in a cube of `2^depth`.
 pub(super) fn ball(depth: u8, radius: f64) -> Cells {
     let side = 1u64 << depth;
     let middle = side as f64 / 2.0;
@@ -32,7 +33,7 @@ pub(super) fn ball(depth: u8, radius: f64) -> Cells {
     })
 }
 
-/// How solids are averaged.
+/// The averaging rule of solids.
 pub(super) const SOLID: (Rule, DataKind) = (Rule::Occupancy, DataKind::Continuous);
 
 pub(super) fn solid(cells: &Cells) -> Dataset {
@@ -43,7 +44,7 @@ fn at(model: &MemTree, level: u8, cell: [u64; 3]) -> Option<Value> {
     Code::from_cell(Dimension::Oct, level, cell.map(|cell| cell as u32)).and_then(|code| model.value_at(code))
 }
 
-/// The byte at a cell, 0 where there is none.
+/// Returns the byte of a cell, 0 for VOID.
 pub(super) fn byte_at(model: &MemTree, level: u8, cell: [u64; 3]) -> u8 {
     at(model, level, cell).map_or(0, as_byte)
 }
@@ -202,7 +203,7 @@ fn windows_outside_of_the_tree_are_refused() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
-/// Columns, rows and channels, and the samples.
+/// Returns columns, rows and channels, and the samples.
 fn samples(path: &Path) -> ([u64; 3], Vec<u8>) {
     let mut raster = raster::open(path, &Default::default()).unwrap();
     let mut pixels = Pixels::default();
@@ -236,7 +237,7 @@ fn slices_across_every_axis_at_every_level() {
             }
         }
     }
-    // Of any size, with nothing counting as nothing.
+    // At any size; VOID counts as 0.
     let half = made(OCT, [8, 8, 8], |[x, _, _]| (x < 3).then(|| byte(255)));
     let row = &slice(&solid(&half), 1, 4, Detail::Size(4, 2), "a.png")[..4];
     assert_eq!(row, [255, 128, 0, 0]);
@@ -252,14 +253,14 @@ fn quadtrees_are_no_solids() {
     let file = solid(&blocks(1, [5, 5, 5]));
     assert!(file.solid(4, &()).unwrap_err().to_string().contains("0 to 3"));
     assert!(file.rays(4).err().unwrap().to_string().contains("0 to 3"));
-    // Nothing at all.
+    // An empty octree.
     let empty = solid(&made(OCT, [5, 5, 5], |_| None));
     let found = empty.solid(3, &()).unwrap();
     assert_eq!((found.volume, found.centre, found.bounds), (0.0, None, None));
     assert_eq!(empty.solid_surface(3, &()).unwrap().smooth_area(), 0.0);
 }
 
-/// Where a ray is in a cell; the longer `to - from`, the surer.
+/// Returns the interval of a ray within a cell. A larger `to - from` is less sensitive to rounding.
 fn within(ray: &Ray, cell: [u64; 3]) -> (f64, f64) {
     let (mut from, mut to) = (0.0, f64::INFINITY);
     for (axis, cell) in cell.iter().enumerate() {
@@ -281,7 +282,7 @@ fn within(ray: &Ray, cell: [u64; 3]) -> (f64, f64) {
 fn rays_meet_the_first_cell() {
     for (seed, size) in [(1, [16, 16, 16]), (2, [7, 12, 10]), (3, [3, 20, 31])] {
         let cells = blocks(seed, size);
-        // Few enough to see through.
+        // Sparse enough to see through.
         let cells = made(OCT, size, |cell| {
             cells.get(cell).filter(|_| (cell[0] + 2 * cell[1] + 3 * cell[2]) % 5 == 0)
         });
@@ -301,12 +302,12 @@ fn rays_meet_the_first_cell() {
                     direction: [(); 3].map(|()| number(2.0)),
                 };
                 if round % 3 > 0 {
-                    // At something, not past everything.
+                    // Towards the cells, not past all of them.
                     let aim = [(); 3].map(|()| middle + number(side as f64));
                     ray.direction = std::array::from_fn(|axis| aim[axis] - ray.origin[axis]);
                 }
                 if round % 5 == 0 {
-                    // Along an axis, through the middles of cells.
+                    // Along an axis, through cell centres.
                     ray.origin = ray.origin.map(|number| number.floor() + 0.5);
                     ray.direction = [0.0; 3];
                     ray.direction[round % 3] = if round % 2 == 0 { 0.7 } else { -0.7 };
@@ -363,7 +364,8 @@ fn rays_meet_a_smooth_surface() {
     }
 }
 
-/// The sum over the cells in a ball of 3.5 cells of their occupancy, by a weight that falls to 0 at the sphere, times the way to them.
+/// The occupancy-weighted sum, over the cells in a ball of 3.5 cells, of a weight that falls to 0
+/// at the sphere times the vector to them.
 fn moment(cells: &Cells, side: u64, point: [f64; 3]) -> [f64; 3] {
     let mut sum = [0.0; 3];
     let around = |axis: usize| {
@@ -383,10 +385,11 @@ fn moment(cells: &Cells, side: u64, point: [f64; 3]) -> [f64; 3] {
     sum
 }
 
-/// Rays from anywhere through blocks of all sizes, also along axes and from inside, against densities at very many places along them.
+/// Rays from anywhere through blocks of all sizes, also along axes and from inside, against
+/// densities sampled densely along them.
 #[test]
 fn rays_find_the_surface_that_densities_have() {
-    /// Distance between the places, and cells that the surface may be hidden in between two of the search.
+    /// Distance between samples, in cells; features thinner than this may be missed.
     const STEP: f64 = 0.02;
     const HIDDEN: f64 = 0.6;
     let mut random = Random(8);
@@ -406,7 +409,8 @@ fn rays_find_the_surface_that_densities_have() {
             }
             let length = direction.iter().map(|part| part * part).sum::<f64>().sqrt();
             let ray = Ray { origin, direction: direction.map(|part| part / length) };
-            // Where it first is inside, and where it first is for some time.
+            // Where a sample is first inside, and where samples first stay inside for some
+            // distance.
             let (mut first, mut lasting, mut since) = (f64::INFINITY, f64::INFINITY, None);
             for step in 0..(4.0 * side as f64 / STEP) as u64 {
                 let t = step as f64 * STEP;
@@ -431,7 +435,7 @@ fn rays_find_the_surface_that_densities_have() {
                 "{side} {ray:?}: {} {first} {lasting}",
                 hit.t
             );
-            // (A fourth of a cell's difference is steep enough.)
+            // A difference of a quarter of a cell is steep enough.
             let density = rays.density(hit.point).unwrap();
             assert!(hit.t == 0.0 || (density - 0.5).abs() < 0.06, "{side} {ray:?}: {density}");
             assert!(rays.value(hit.cell).unwrap()[0] > 0.0);
@@ -466,7 +470,8 @@ fn the_silhouette_of_a_ball_is_a_disc() {
         let (level, size, pixels) = picture(&file, &request);
         assert_eq!((level, size), (6, [120, 90, 4]));
         let area: f64 = pixels.chunks(4).map(|pixel| f64::from(pixel[3]) / 255.0).sum();
-        // The cube around the ball fills the height, but for a margin; it is larger where it is seen askew.
+        // The cube around the ball fills the height, except for a margin; it is larger if seen
+        // obliquely.
         if elevation != 30.0 {
             let radius = 0.92 * 90.0 / 2.0;
             let expected = std::f64::consts::PI * radius * radius;
@@ -506,7 +511,7 @@ fn pictures_depend_on_what_is_asked_only() {
     let seen =
         |pixels: &[u8], background: [u8; 3]| pixels.chunks(3).filter(|pixel| *pixel != background).count();
     assert_eq!(level, 6);
-    // (A ball that fills the picture from top to bottom leaves the corners.)
+    // A ball that fills the image from top to bottom leaves the corners empty.
     assert!(5 * seen(&zoomed, [9, 8, 7]) > 6 * seen(&pixels, [255; 3]));
     let bad: [RenderRequest; 6] = [
         with(request.clone(), |it| it.width = 0),
@@ -525,7 +530,7 @@ fn pictures_depend_on_what_is_asked_only() {
         );
     }
     assert!(!path.exists());
-    // Nothing to see is no failure.
+    // An empty scene is not an error.
     let empty = solid(&made(OCT, [5, 5, 5], |_| None));
     assert!(picture(&empty, &request).2.iter().all(|sample| *sample == 255));
 }

@@ -1,4 +1,5 @@
-//! Lines, areas and points that surfaces of two bodies have in common, against set operations and against pairs of triangles.
+//! Curves, areas and points where two solids' surfaces meet, against set operations and against
+//! pairs of triangles.
 
 use std::collections::HashMap;
 
@@ -20,7 +21,7 @@ fn found(a: &Body, b: &Body) -> SurfaceIntersection {
         for (ends, faces) in line.points.windows(2).zip(&line.faces) {
             assert_ne!(ends[0], ends[1]);
             for (sources, [left, right]) in [&of_a, &of_b].into_iter().zip(faces) {
-                // (Of faces of one number, some have the segment.)
+                // Of faces with one number, some contain the segment.
                 let along = minus(ends[1], ends[0]);
                 let reach = |face: &u64| {
                     let heights = sources[face].iter().flat_map(|corners| {
@@ -64,8 +65,8 @@ fn size(a: Point) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// The length of the edges between faces of the first body and of the second one in what both have in common: what is left of the edges of
-/// the first one's faces when those that lead both ways are taken away.
+/// The length of the edges between faces of the first solid and of the second in their
+/// intersection: the first one's face edges that remain after cancelling opposite ones.
 fn seam(a: &Body, b: &Body) -> f64 {
     let both = combined(1, &[a, b]);
     let mut edges: HashMap<[[i32; 3]; 2], i32> = HashMap::new();
@@ -87,7 +88,7 @@ fn seam(a: &Body, b: &Body) -> f64 {
     open.sum()
 }
 
-/// Triangles of faces as if these were convex, by the numbers of the faces that they were built from.
+/// Returns triangles of faces, assumed convex, by the source face number.
 fn triangles_of_sources(body: &Body) -> HashMap<u64, Vec<[Point; 3]>> {
     let mut all: HashMap<u64, Vec<[Point; 3]>> = HashMap::new();
     let mut add = |face: &spinney::brep::Face<'_>| {
@@ -101,7 +102,7 @@ fn triangles_of_sources(body: &Body) -> HashMap<u64, Vec<[Point; 3]>> {
     all
 }
 
-/// Triangles of convex faces in the world.
+/// Returns triangles of convex faces in world coordinates.
 fn triangles(body: &Body) -> Vec<[Point; 3]> {
     let mut all = Vec::new();
     let mut add = |face: &spinney::brep::Face<'_>| {
@@ -113,7 +114,7 @@ fn triangles(body: &Body) -> Vec<[Point; 3]> {
     all
 }
 
-/// Corners of what a convex polygon has in common with the half-space below a plane.
+/// Clips a convex polygon to the half-space below a plane.
 fn clipped(polygon: &[Point], normal: Point, base: Point) -> Vec<Point> {
     let height = |point: Point| dot(normal, minus(point, base)) / size(normal);
     let mut all = Vec::new();
@@ -134,7 +135,7 @@ fn normal([a, b, c]: [Point; 3]) -> Point {
     cross(minus(b, a), minus(c, a))
 }
 
-/// The convex points that two triangles have in common.
+/// Returns the vertices of the intersection of two triangles, which is convex.
 fn common(a: [Point; 3], b: [Point; 3]) -> Vec<Point> {
     let mut polygon = a.to_vec();
     let plane = normal(b);
@@ -158,7 +159,7 @@ fn distance_to_segment(point: Point, ends: &[Point]) -> f64 {
     size(minus(to, along.map(|part| part * share)))
 }
 
-/// Fails unless everything that pairs of triangles have in common is there, and nothing else; steps are of about one.
+/// Checks that exactly the intersections of triangle pairs are found; grid units are about one.
 fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
     let found = found(a, b);
     let tolerance = 1e-5;
@@ -180,7 +181,8 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
                 *sum += newell(&shared);
                 continue;
             }
-            // (Corners and middles: of a segment more corners may be in nearly the same place.)
+            // Vertices and midpoints: a segment may have several vertices at nearly the same
+            // position.
             for from in &shared {
                 for to in &shared {
                     places.push([0, 1, 2].map(|axis| (from[axis] + to[axis]) / 2.0));
@@ -192,7 +194,7 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
         let nearest = segments.iter().map(|ends| distance_to_segment(place, ends));
         let points = found.points.iter().map(|point| size(minus(point.point, place)));
         let nearest = nearest.chain(points).fold(f64::INFINITY, f64::min);
-        // (Edges within an area are not told.)
+        // Edges within an area are not reported.
         let is_in_area = || {
             found.areas.iter().any(|area| {
                 let ring = &area.polygon.rings[0];
@@ -206,7 +208,7 @@ fn check_by_pairs(a: &Body, b: &Body, name: &str) -> SurfaceIntersection {
     let near = |a: f64, b: f64| (a - b).abs() < tolerance * (1.0 + a + b);
     assert!(near(area(&found, true), same), "{name}: {} {same}", area(&found, true));
     assert!(near(area(&found, false), turned), "{name}: {} {turned}", area(&found, false));
-    // And all of it is on both.
+    // All of it is on both surfaces.
     let middle = |ends: &[Point]| [0, 1, 2].map(|axis| (ends[0][axis] + ends[1][axis]) / 2.0);
     let points = segments.iter().flat_map(|ends| [ends[0], middle(ends)]);
     for point in points.chain(found.points.iter().map(|point| point.point)) {
@@ -253,7 +255,7 @@ fn boxes_in_all_ways() {
     assert_eq!(with([60, 60, 30], [80, 80, 90], "part of an edge"), ([0, 1, 0, 0], [0.0, 30.0], [0.0; 2]));
     assert_eq!(with([60, 30, 30], [80, 50, 50], "on a wall"), ([0, 0, 1, 0], [0.0; 2], [0.0, 400.0]));
     assert_eq!(with([60, 20, 20], [80, 60, 60], "side by side"), ([0, 0, 1, 0], [0.0; 2], [0.0, 1600.0]));
-    // To the left of a line, as seen from outside, the first surface goes on into the second body.
+    // To the left of a line, seen from outside, the first surface continues into the second solid.
     let b = Body::of(&cuboid([40; 3], [80; 3]), bits);
     let faces = triangles_of_sources(&a);
     let line = &found(&a, &b).lines[0];
@@ -265,15 +267,16 @@ fn boxes_in_all_ways() {
         };
         assert!(b.is_inside(beside(1.0)) && !b.is_inside(beside(-1.0)));
     }
-    // Inside with a wall in common: no line, since what is on the wall counts as inside.
+    // Inside with a common wall: no line, since points on the wall count as inside.
     assert_eq!(with([40, 30, 30], [60, 50, 50], "inside at a wall").2, [400.0, 0.0]);
-    // Half in: walls go on, and areas are bounded by what is inside.
+    // Half inside: walls continue, and areas are bounded by the inner region.
     let found = with([40, 30, 20], [80, 50, 60], "in a groove");
     assert_eq!((found.0[2], found.2), (2, [800.0, 0.0]));
     assert_eq!(with([20; 3], [60; 3], "the same").2, [9600.0, 0.0]);
 }
 
-/// Bodies of the same form on one another: areas with holes, areas around them, and lines that go through both.
+/// Solids of the same shape on one another: areas with holes, areas around them, and curves through
+/// both.
 #[test]
 fn frames_lie_on_frames() {
     let square = |low: i32, high: i32| vec![[low, low], [high, low], [high, high], [low, high]];
@@ -289,13 +292,13 @@ fn frames_lie_on_frames() {
     let lid = Body::of(&cuboid([15, 15, 40], [85, 85, 50]), 7);
     let found = surface_intersection(&a.model, &lid.model, MEMORY, &()).unwrap();
     assert_eq!((found.areas.len(), area(&found, false)), (1, 4900.0 - 3600.0));
-    // Around two bars of the first: one line for what of each bar is inside.
+    // Around two bars of the first: one curve for each bar's inner region.
     let found = check_scaled(&a, &Body::of(&frame_upright(), 7), 1.0, "links of a chain");
     assert_eq!((found.lines.len(), found.areas.len()), (2, 0));
     assert!(found.lines.iter().all(|line| line.kind == LineKind::Crossing && line.is_closed()));
 }
 
-/// A frame that stands in another one, whose bars it cuts in from outside and from below.
+/// A frame inside another one, whose bars it cuts from outside and from below.
 fn frame_upright() -> Solid {
     let faces = prism(
         &[vec![[0, 0], [100, 0], [100, 60], [0, 60]], vec![[14, 20], [14, 50], [86, 50], [86, 20]]],
@@ -315,7 +318,7 @@ fn random_tetrahedron(random: &mut Random, below: u64, scale: i32) -> Option<Sol
     tetrahedron([point(), point(), point(), point()])
 }
 
-/// Of few points each: corners, edges and faces meet in all ways that there are.
+/// Tetrahedra on few points: vertices, edges and faces meet in all possible ways.
 #[test]
 fn tetrahedra_on_few_points() {
     let mut random = Random(41);
@@ -336,7 +339,8 @@ fn tetrahedra_on_few_points() {
     assert!(kinds.iter().all(|count| *count > 5), "{kinds:?}");
 }
 
-/// [`check`] without the pairs, of large coordinates, so that rounding the result of the operation does not matter.
+/// [`check`] without the pairs, for large coordinates, so that rounding of the operation's result
+/// does not matter.
 fn check_scaled(a: &Body, b: &Body, scale: f64, name: &str) -> SurfaceIntersection {
     let found = found(a, b);
     let (length, seam) = (length(&found, LineKind::Crossing) / scale, seam(a, b) / scale);
@@ -344,7 +348,7 @@ fn check_scaled(a: &Body, b: &Body, scale: f64, name: &str) -> SurfaceIntersecti
     found
 }
 
-/// Surfaces that are cut at their edges where others are not, and of hollow bodies; pair by pair.
+/// Surfaces split at edges where others are not, and hollow solids, pair by pair.
 #[test]
 fn cut_edges_and_hollow_bodies() {
     let mut random = Random(7);
@@ -371,7 +375,8 @@ fn cut_edges_and_hollow_bodies() {
     }
 }
 
-/// A body of boxes side by side, whose walls between them are there twice, turned to each other: these bound nothing.
+/// A solid of adjacent boxes, whose inner walls exist twice with opposite orientation: these bound
+/// nothing.
 #[test]
 fn walls_in_one_place_bound_nothing() {
     let mut random = Random(23);
@@ -396,7 +401,7 @@ fn walls_in_one_place_bound_nothing() {
     }
 }
 
-/// Results of operations have corners beside the grid, and walls in common with what they were made of.
+/// Results of operations have off-grid vertices, and walls in common with their operands.
 #[test]
 fn results_of_operations_are_operands() {
     let a = Body::of(&tetrahedron([[3, 5, 7], [120, 11, 9], [13, 101, 4], [31, 37, 119]]).unwrap(), 7);
@@ -404,7 +409,8 @@ fn results_of_operations_are_operands() {
     let crossing = found(&a, &b);
     let without = combined(2, &[&a, &b]);
     assert_ne!(without.model.volume_beside().unwrap(), 0.0);
-    // All of the wall that was cut is a wall of the other body, from the other side; what is left of the first one is a wall of it.
+    // The cut wall is entirely a wall of the other solid, from the other side; the rest of the
+    // first one's boundary coincides with its own walls.
     let cut = found(&without, &b);
     let kept = found(&without, &a);
     let both = combined(1, &[&a, &b]);
@@ -412,13 +418,13 @@ fn results_of_operations_are_operands() {
     let near = |a: f64, b: f64| assert!((a - b).abs() < 1e-9 * (a + b), "{a} {b}");
     near(area(&cut, false), area(&of_both, true));
     near(area(&found(&both, &a), true) + area(&kept, true), area(&found(&a, &a), true));
-    // Rims of areas are no lines where nothing passes through.
+    // Boundaries of areas are no curves if the surfaces do not cross.
     assert_eq!(cut.lines, []);
     let rims = |found: &SurfaceIntersection| -> f64 {
         let rings = found.areas.iter().flat_map(|area| &area.polygon.rings).flat_map(|ring| ring.windows(2));
         rings.map(|ends| size(minus(ends[1], ends[0]))).sum()
     };
-    // (Walls within are divided by the edges of the body.)
+    // Interior walls are split by the solid's edges.
     assert!(rims(&cut) >= length(&crossing, LineKind::Crossing) - 1e-9);
     for line in &crossing.lines {
         for point in &line.points {

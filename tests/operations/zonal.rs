@@ -1,4 +1,4 @@
-//! Statistics of the cells in polygons, against going through all cells.
+//! Statistics of the cells in polygons, against brute force over all cells.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use spinney::{DataKind, Dataset, Number, Output, Rule, SampleType, TreeType, Wri
 
 use crate::common::{Cells, OCT, QUAD, Random, dataset, options, quad, value_types, write_cells};
 
-/// A ring around a point; corners may be at centres and corners of cells.
+/// Returns a ring around a point; vertices may be at cell centres and corners.
 fn ring(random: &mut Random, [x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     let count = 3 + random.below(12);
     let is_half = random.below(3) == 0;
@@ -21,12 +21,12 @@ fn ring(random: &mut Random, [x, y]: [f64; 2], radius: f64) -> Vec<[f64; 2]> {
     (0..count).map(corner).collect()
 }
 
-/// Parts beside each other, some with a hole, some of them outside of the picture.
+/// Returns disjoint parts, some with a hole, some outside of the raster.
 fn parts(random: &mut Random, size: [u64; 3]) -> Vec<Vec<Vec<[f64; 2]>>> {
     let count = 1 + random.below(2);
     (0..count)
         .map(|part| {
-            // (Each in a strip of its own, so that they do not overlap.)
+            // Each in its own strip, so that they do not overlap.
             let strip = size[0] as f64 / count as f64;
             let radius = (strip / 3.0).min(size[1] as f64) * (random.below(90) + 10) as f64 / 100.0;
             let middle = [strip * (part as f64 + 0.5), random.below(size[1] + 8) as f64];
@@ -39,7 +39,7 @@ fn parts(random: &mut Random, size: [u64; 3]) -> Vec<Vec<Vec<[f64; 2]>>> {
         .collect()
 }
 
-/// Whether a point is inside: by the definition.
+/// Returns whether a point is inside, by the definition.
 fn has(parts: &[Vec<Vec<[f64; 2]>>], [x, y]: [f64; 2]) -> bool {
     let rings = parts.iter().flatten();
     let edges = rings.flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
@@ -48,7 +48,8 @@ fn has(parts: &[Vec<Vec<[f64; 2]>>], [x, y]: [f64; 2]) -> bool {
     crosses.count() % 2 == 1
 }
 
-/// The area of parts in a box, by rings that are clipped at its sides: rings of a part after the first are holes.
+/// Returns the area of parts in a box, by clipping rings to its sides; rings of a part after the
+/// first are holes.
 fn area(parts: &[Vec<Vec<[f64; 2]>>], low: [f64; 2], high: [f64; 2]) -> f64 {
     let clipped = |ring: &Vec<[f64; 2]>| {
         let mut ring = ring.clone();
@@ -79,7 +80,7 @@ fn area(parts: &[Vec<Vec<[f64; 2]>>], low: [f64; 2], high: [f64; 2]) -> f64 {
     parts.iter().map(|part| clipped(&part[0]) - part[1..].iter().map(clipped).sum::<f64>()).sum()
 }
 
-/// Whether an edge passes through the inside of a cell: a line clipped at its four sides.
+/// Returns whether an edge passes through the interior of a cell: a line clipped to its four sides.
 fn is_cut(parts: &[Vec<Vec<[f64; 2]>>], cell: [f64; 2]) -> bool {
     let rings = parts.iter().flatten();
     let mut edges = rings.flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
@@ -100,7 +101,7 @@ fn is_cut(parts: &[Vec<Vec<[f64; 2]>>], cell: [f64; 2]) -> bool {
     })
 }
 
-/// Statistics by going through every cell.
+/// Computes statistics by visiting every cell.
 fn expected(
     cells: &Cells,
     size: [u64; 3],
@@ -151,7 +152,7 @@ fn expected(
     zone
 }
 
-/// Quantiles that are asked for everywhere, in no order.
+/// The requested quantiles, unordered.
 const QUANTILES: [f64; 5] = [0.9, 0.0, 0.25, 1.0, 0.123];
 
 fn request(edge: EdgeRule) -> ZonalRequest {
@@ -163,7 +164,7 @@ fn request(edge: EdgeRule) -> ZonalRequest {
     }
 }
 
-/// What samples with weights tell, by the definitions.
+/// Returns the statistics of weighted samples, by the definitions.
 fn values_of(samples: &mut [(f64, Number)]) -> ZoneValues {
     samples.sort_by_key(|(_, sample)| *sample);
     let mut counts: Vec<(Number, f64)> = Vec::new();
@@ -176,11 +177,11 @@ fn values_of(samples: &mut [(f64, Number)]) -> ZoneValues {
     let first = |better: &dyn Fn(f64, f64) -> bool| -> Number {
         let best =
             counts.iter().map(|(_, cells)| *cells).reduce(|a, b| if better(b, a) { b } else { a }).unwrap();
-        // (What is as much but for rounding is as much.)
+        // Sums that differ by rounding are tied.
         counts.iter().find(|(_, cells)| (cells - best).abs() < 1e-9).unwrap().0
     };
     let all: f64 = samples.iter().map(|(weight, _)| weight).sum();
-    // The samples one after the other, each as long as its weight: the sum of what is before a place.
+    // The integral of the samples laid out consecutively, each as long as its weight.
     let sum_before = |place: f64| {
         let (mut sum, mut at) = (0.0, 0.0);
         for (weight, sample) in samples.iter() {
@@ -229,7 +230,7 @@ fn assert_alike(found: &ZoneStatistics, expected: &ZoneStatistics, what: &str) {
         ] {
             assert!(near(a, b), "{what}: {found:?}, not {expected:?}");
         }
-        // (Of large integers it is as exact as f64 is of the largest.)
+        // For large integers, the precision is that of f64 at the largest.
         let (a, b) = (found.standard_deviation, expected.standard_deviation);
         let lost = 1e-15 * expected.min.to_f64().abs().max(expected.max.to_f64().abs());
         assert!((a - b).abs() <= 1e-6 * (1.0 + b) + lost, "{what}: {found:?}, not {expected:?}");
@@ -256,7 +257,7 @@ fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKin
     let polygons: Vec<Polygon> = zones.iter().map(|parts| Polygon::of_parts(parts).unwrap()).collect();
     let some: Vec<Option<Polygon>> = polygons.iter().cloned().map(Some).collect();
     for edge in EdgeRule::ALL {
-        // All at once tell what each tells alone.
+        // A query of all layers returns the same as separate ones.
         let layers: Vec<(&Dataset, &[Option<Polygon>])> =
             files.iter().chain([&view]).map(|layer| (layer, &some[..])).collect();
         let mut all: Vec<Vec<ZoneStatistics>> = vec![Vec::new(); layers.len()];
@@ -267,7 +268,7 @@ fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKin
         .unwrap();
         for (layer, found) in layers.iter().zip(&all) {
             let alone = layer.0.zonal(&polygons, &request(edge), &()).unwrap();
-            // (Sums of parts may come in another order.)
+            // Partial sums may be added in another order.
             alone.iter().zip(found).for_each(|(alone, found)| assert_alike(found, alone, "all at once"));
         }
         let found_in = |dataset: &Dataset| dataset.zonal(&polygons, &request(edge), &()).unwrap();
@@ -276,7 +277,7 @@ fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKin
         for (number, parts) in zones.iter().enumerate() {
             let weight = |[x, y, _]: [u64; 3]| match edge {
                 EdgeRule::Centre => f64::from(u8::from(has(parts, [x as f64 + 0.5, y as f64 + 0.5]))),
-                // (The area is tried by itself, against points.)
+                // The area is tested separately, against points.
                 EdgeRule::Area => {
                     let (low, high) = ([x as f64, y as f64], [(x + 1) as f64, (y + 1) as f64]);
                     let area = area(parts, low, high);
@@ -299,7 +300,7 @@ fn zones(form: TreeType, seed: u64, size: [u64; 3], (rule, kind): (Rule, DataKin
                 };
                 assert_alike(&found, &expected, &format!("{form} {seed} {edge:?} {name}"));
             }
-            // Not only nearly: all numbers depend on the cells alone.
+            // Exactly equal: all numbers depend on the cells alone.
             let [one, others @ ..] = &found[..] else { unreachable!("three of them") };
             for (name, other) in others {
                 let (one, other) = (format!("{:?}", one.1[number]), format!("{:?}", other[number]));
@@ -337,7 +338,7 @@ fn values_beyond_memory_tell_the_same() {
     for sample in [SampleType::F32, SampleType::I16, SampleType::U64] {
         let form = quad(sample, 1);
         let size = [220, 210, 1];
-        // (Each value a few times, far from each other, so that temporary files have parts of them.)
+        // Each value occurs a few times, far apart, so that it is spread over temporary files.
         let cells = Cells::noise(form, 3, size, 15_000);
         let file = dataset(&cells, Rule::Mean, DataKind::Continuous);
         let ring = vec![[-3.0, 5.5], [219.5, -2.0], [217.25, 208.0], [20.0, 200.0]];
@@ -371,7 +372,7 @@ fn measures_have_names_and_quantiles_are_from_0_to_1() {
         let told = file.zonal(&[], &request, &()).unwrap_err().to_string();
         assert!(told.contains("from 0 to 1"), "{told}");
     }
-    // Nothing is counted of what nobody asks for.
+    // Quantities that are not requested are not counted.
     let square = Polygon::new(&[vec![[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0]]]).unwrap();
     let zone = file.zonal(&[square], &ZonalRequest::default(), &()).unwrap().remove(0);
     assert_eq!(zone.channels[0].values, None);

@@ -1,4 +1,5 @@
-//! Statistics of zones whose rings cross, overlap and touch, against a definition of their own: rings of a part combined even-odd, parts united.
+//! Statistics of zones whose rings cross, overlap and touch, against an independent definition:
+//! rings of a part combined even-odd, parts united.
 
 use spinney::query::{EdgeRule, Polygon, ZonalRequest, ZoneStatistics};
 use spinney::raw::store::Packing;
@@ -11,13 +12,14 @@ type Parts = Vec<Vec<Vec<Point>>>;
 
 const SIZE: [u64; 3] = [44, 37, 1];
 
-/// Parts with few vertices, many of them on a grid of half cells, so that all kinds of contacts are frequent; some reach out of the raster.
+/// Parts with few vertices, many of them on a grid of half cells, so that all kinds of contacts are
+/// frequent; some extend beyond the raster.
 fn parts(random: &mut Random) -> Parts {
     let on_grid = random.below(2) == 0;
     let (size, origin) = (4 + random.below(50), random.below(30) as f64 - 8.0);
     let at = |random: &mut Random| match on_grid {
         true => random.below(2 * size) as f64 / 2.0 + origin,
-        // (Multiples of 2^-16: sums and products of the definition below are then exact.)
+        // Multiples of 2^-16: sums and products in the definition below are then exact.
         false => random.below(size << 16) as f64 / 65536.0 + origin,
     };
     let ring = |random: &mut Random| -> Vec<Point> {
@@ -39,7 +41,7 @@ fn edges(rings: &[Vec<Point>]) -> impl Iterator<Item = [Point; 2]> + '_ {
         .map(|(a, b)| [a, b])
 }
 
-/// Whether a point is in some part.
+/// Returns whether a point is in some part.
 fn has(parts: &Parts, [x, y]: Point) -> bool {
     parts.iter().any(|rings| {
         let crossed = edges(rings).filter(|[a, b]| {
@@ -51,7 +53,8 @@ fn has(parts: &Parts, [x, y]: Point) -> bool {
     })
 }
 
-/// The area of each cell that is in some part: between rows in which edges begin, end or cross, it is made of trapezoids.
+/// Returns each cell's area that is in some part: between consecutive y at which edges begin, end
+/// or cross, it consists of trapezoids.
 fn areas(parts: &Parts) -> Vec<f64> {
     let (columns, rows) = (SIZE[0] as usize, SIZE[1] as usize);
     let mut areas = vec![0.0; columns * rows];
@@ -93,7 +96,7 @@ fn areas(parts: &Parts) -> Vec<f64> {
         let mut inside = vec![false; parts.len()];
         let row = middle.floor() as usize;
         let mut add = |[one, other]: [f64; 2], sign: f64| {
-            // What is left of an edge, in each column.
+            // The area to the left of an edge, in each column.
             let (min, max) = (one.min(other), one.max(other));
             for column in 0..columns {
                 let (left, right) = (column as f64, column as f64 + 1.0);
@@ -124,7 +127,7 @@ fn areas(parts: &Parts) -> Vec<f64> {
     areas
 }
 
-/// A content in all ways in which it is stored.
+/// Returns the same content stored in all ways.
 fn stored(
     folder: &std::path::Path,
     name: &str,
@@ -189,7 +192,7 @@ fn zones_that_overlap_and_cross_themselves_are_the_same_in_all_files() {
         for (number, parts) in zones.iter().enumerate() {
             let what = format!("{edge:?} {number} {parts:?}");
             for ((_, cells, _), found) in contents.iter().zip(&found) {
-                // All storages: every bit.
+                // All storages give bit-identical results.
                 let first = &found[0][number];
                 let text = format!("{first:?}");
                 for other in &found[1..] {
@@ -217,7 +220,7 @@ fn zones_that_overlap_and_cross_themselves_are_the_same_in_all_files() {
                 near(first.void_cells, void, &what);
                 near(first.channels.first().map_or(0.0, |channel| channel.sum), sum, &what);
             }
-            // Counts depend on the polygon alone where nothing is VOID.
+            // Without VOID cells, counts depend only on the polygon.
             let counts =
                 |content: usize| (found[content][0][number].cells, found[content][0][number].outside_cells);
             assert!(counts(0) == counts(1) && counts(1) == counts(2), "{what}");

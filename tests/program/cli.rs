@@ -19,7 +19,7 @@ fn fixture(name: &str) -> String {
     format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A folder with the trees that are asked.
+/// A directory with the trees that are queried.
 struct Trees {
     folder: TempDir,
     classic: String,
@@ -69,7 +69,7 @@ fn dump_gives_the_literature_back() {
         .lines()
         .map(|line| line.split_whitespace().map(|word| word.parse().unwrap()).collect())
         .collect();
-    // Record 3's link is printed as 7, which is wrong.
+    // Record 3's link is misprinted as 7.
     let expected = [
         [1, -1, -1, 1, -2, 11],
         [2, 1, -3, 1, -3, 5],
@@ -193,7 +193,7 @@ fn get_refuses_what_makes_no_sense() {
     }
     complaint(&["get", &trees.octree, &out, "--slice", "y=3", "--window", "0,10,2,2"], 1);
     complaint(&["get", &trees.octree, &out, "--slice", "10"], 1);
-    // Rows that would not fit in memory.
+    // Rows that would exceed the memory limit.
     let most = u64::MAX.to_string();
     for request in [
         ["--window", "0,0,4000000000,1"],
@@ -284,7 +284,7 @@ fn values_of_any_number_of_polygons_are_told() {
     let words = [&words[..], &["--quantiles", "0.1,0.025", "--edge", "area"]].concat();
     for format in ["--json", "--csv"] {
         let told = |memory: &str| stdout(&[&words[..], &[format, "--memory", memory]].concat());
-        // (Of 300 features, fewer than ten at a time.)
+        // Fewer than ten of 300 features at a time.
         assert_eq!(told("8K"), told("256M"));
     }
     let found = json(&[&words[..], &["--json"]].concat());
@@ -298,7 +298,7 @@ fn values_of_any_number_of_polygons_are_told() {
     );
     for (number, zone) in zones.iter().enumerate().filter(|(_, zone)| zone["cells"] != 0.0) {
         let channel = &zone["channels"][0];
-        // The class of which most cells are there, the first of several.
+        // The class with the most cells, the first of tied ones.
         let classes = zone["classes"].as_array().unwrap();
         let most = classes.iter().map(|class| class["cells"].as_f64().unwrap()).fold(0.0, f64::max);
         let majority = classes.iter().find(|class| class["cells"].as_f64().unwrap() == most).unwrap();
@@ -359,9 +359,9 @@ fn statistics_of_polygons() {
         text.contains("half a column  4 cells, and 0 VOID") && text.contains("elsewhere  0 cells"),
         "{text}"
     );
-    // (Without a word about borders, cells count by their centres.)
+    // By default, cells count by their centres.
     assert!(stdout(&["stats", &trees.classic, "--zones", &document]).contains("half a column  0 cells"));
-    // Cells that are touched; features and attributes that are asked for.
+    // Cells that are touched; selected features and attributes.
     let some = [
         "stats",
         &trees.classic,
@@ -411,7 +411,7 @@ fn searches() {
     assert_eq!(covered(&["find", &trees.classic, "--below", "2", "--json"]), count(|class| class < 2));
     assert_eq!(stdout(&["find", &trees.classic, "--class", "1", "--limit", "2"]).lines().count(), 2);
     assert_eq!(stdout(&["find", &trees.classic, "--class", "9"]), "");
-    // By size, and where it lies in the world.
+    // By size, and by world position.
     let levels = |arguments: &[&str]| -> Vec<u8> {
         stdout(arguments).lines().map(|line| line.split(' ').nth(1).unwrap().parse().unwrap()).collect()
     };
@@ -459,7 +459,7 @@ fn verify_tells_good_from_damaged() {
     let run = command(&["verify", &bad]).assert().code(1);
     let text = String::from_utf8_lossy(&run.get_output().stdout).into_owned();
     assert!(text.lines().any(|line| line.contains("segment")), "{text}");
-    // A file that cannot be opened does not keep the others from being checked.
+    // A file that cannot be opened does not prevent the others from being checked.
     let missing = trees.name("missing.goblin");
     let run = command(&["verify", &missing, &bad, &trees.classic]).assert().code(1);
     let (out, err) = (run.get_output().stdout.clone(), run.get_output().stderr.clone());

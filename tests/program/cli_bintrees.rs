@@ -1,4 +1,4 @@
-//! `spinney dump --bintree`, and `spinney build` of what it prints.
+//! `spinney dump --bintree`, and `spinney build` of its output.
 
 use std::fs;
 

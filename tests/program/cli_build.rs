@@ -1,4 +1,4 @@
-//! `spinney build` as users meet it.
+//! `spinney build` from the user's side.
 
 use std::fs;
 use std::io::Write;
@@ -16,13 +16,13 @@ use crate::common::tiff_file::{Ifd, Values, file};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
-/// Runs the program; gives back its exit code, standard output and standard error.
+/// Runs the program. Returns its exit code, standard output and standard error.
 fn run(args: &[&str], folder: &Path) -> (Option<i32>, Vec<u8>, String) {
     let output = Command::new(PROGRAM).args(args).current_dir(folder).output().unwrap();
     (output.status.code(), output.stdout, String::from_utf8(output.stderr).unwrap())
 }
 
-/// A small grey picture `p.tif` in a folder of its own.
+/// Returns a directory with a small grey image `p.tif`.
 fn small() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let strip = (0..300 * 200).map(|i: u32| (i % 300 / 9 + i / 300 / 7) as u8).collect();
@@ -30,7 +30,7 @@ fn small() -> tempfile::TempDir {
     folder
 }
 
-/// A picture of 2^15 x 2^12 pixels: one in 64 chunks is a ramp, the others are of one value each.
+/// Writes an image of 2^15 x 2^12 pixels: one in 64 chunks is a ramp, the others are uniform.
 fn large(folder: &Path, tiled: bool) -> PathBuf {
     let chunk = |pixel: &dyn Fn(u32, u32) -> u8, width: u32, height: u32| {
         let pixels: Vec<u8> = (0..height).flat_map(|y| (0..width).map(move |x| pixel(x, y))).collect();
@@ -59,7 +59,7 @@ fn large(folder: &Path, tiled: bool) -> PathBuf {
     path
 }
 
-/// Names of all files in a folder, hidden ones too.
+/// Returns the names of all files in a directory, including hidden ones.
 fn names(folder: &Path) -> Vec<String> {
     let names = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
     let mut names: Vec<String> = names.collect();
@@ -100,7 +100,7 @@ fn failures_are_told_and_leave_nothing() {
     let folder = small();
     fs::write(folder.path().join("text.tif"), "no raster").unwrap();
     let whole = fs::read(folder.path().join("p.tif")).unwrap();
-    // The tags stand at the end; a link to samples beyond the file is found only when building.
+    // The tags are at the end; an offset of samples beyond the file is only found when building.
     let mut damaged = whole.clone();
     let offset = damaged.windows(8).position(|tag| tag == [0x11, 1, 4, 0, 1, 0, 0, 0]).unwrap() + 8;
     damaged[offset..offset + 4].copy_from_slice(&(whole.len() as u32 - 10).to_le_bytes());
@@ -182,7 +182,7 @@ fn interruption_leaves_nothing() {
         rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
         child.wait_with_output().unwrap()
     };
-    // On a busy machine the program may have ended before the signal comes.
+    // On a busy machine the program may have ended before the signal arrives.
     let outputs = std::iter::repeat_with(|| {
         let _ = fs::remove_file(folder.path().join("t.goblin"));
         interrupted()
@@ -198,18 +198,18 @@ fn interruption_leaves_nothing() {
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_stays_within_its_budget() {
-    /// The program itself, threads' stacks and the allocator's leftovers.
+    /// Allowance in bytes for the program, thread stacks and allocator overhead.
     const ALLOWANCE: u64 = 32 << 20;
     let folder = tempfile::tempdir().unwrap();
-    // Strips in so little memory go through a temporary file.
+    // With so little memory, strips are copied to a temporary file.
     for (tiled, memory, budget) in [(true, "64M", 64 << 20), (false, "24M", 24 << 20)] {
         let path = large(folder.path(), tiled);
         let args = ["build", path.to_str().unwrap(), "-qo", "t.goblin", "--memory", memory];
         let peak = peak_memory(&mut start(std::process::Command::new(PROGRAM), &args, folder.path()));
         assert!(peak > 0 && peak < budget + ALLOWANCE, "{} MiB with {memory}", peak >> 20);
     }
-    // Operations on the tree of the same picture: its file is small, so what is mapped does not count for much.
-    // (The warper has a window of a million samples, as f64, for each of two threads.)
+    // Operations on the tree of the same image: its file is small, so that mapped bytes hardly
+    // count. The warper has a window of a million f64 samples for each of two threads.
     const WINDOWS: u64 = 16 << 20;
     let jobs: [(&[&str], u64); 4] = [
         (&["transform", "t.goblin", "rotate=17", "-o", "turned.goblin"], 0),

@@ -17,7 +17,7 @@ fn regions_and_lines_become_chains_and_trees() {
         assert_eq!(stdout(&["stats", &tree, "--json"]), stdout(&["stats", map, "--json"]));
         assert!(stdout(&["diff", map, &tree]).contains("0 cells"), "{directions}");
     }
-    // A text goes everywhere that a picture goes: onto another tree's cells, too.
+    // A chain code file works like an image, also on another tree's cells.
     stdout(&["build", &text, "-o", &wide, "--grid", map]);
     assert!(stdout(&["diff", map, &wide]).contains("0 cells"));
     stdout(&["export", map, "-o", &some, "--class", "3", "--level", "5"]);

@@ -10,7 +10,7 @@ use tempfile::TempDir;
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Random, byte, made, quad, write_goblin};
 
-/// A hill with a hole of VOID in a picture of 40 x 30 cells somewhere in UTM zone 32.
+/// Returns a hill with a VOID hole in a raster of 40 x 30 cells in UTM zone 32.
 fn hill(crs: Option<Crs>) -> (TempDir, String) {
     let form = quad(SampleType::F32, 1);
     let cells = made(form, [40, 30, 1], |[x, y, _]| {
@@ -55,7 +55,7 @@ fn lines_as_geojson_have_values_and_a_coordinate_system() {
         })
         .sum();
     assert!(turn < 0.0, "higher values are on the right");
-    // In WGS 84 nothing is said, and null where no system is known.
+    // The member is absent for WGS 84, and null without a coordinate system.
     for (crs, member) in [(None, Some(&serde_json::Value::Null)), (Some(Crs::epsg(4326)), None)] {
         let (folder, file) = hill(crs);
         let out = folder.path().join("lines.json");
@@ -151,7 +151,7 @@ fn smooth_lines_stay_closed() {
     assert_eq!(run("2") - 1, 4 * (run("0") - 1));
 }
 
-/// (Noise has lines everywhere.)
+/// Noise has lines everywhere.
 #[cfg(target_os = "linux")]
 #[test]
 fn memory_does_not_grow_with_lines() {
@@ -166,7 +166,7 @@ fn memory_does_not_grow_with_lines() {
     command.args(["-q", "contours", &file, "--at", "0.5,1.5,2.5", "--memory", "16M", "--threads", "2"]);
     let peak = peak_memory(&mut command.args(["-o", &path("noise.csv")]).spawn().unwrap());
     assert!(fs::metadata(path("noise.csv")).unwrap().len() > 12 << 20);
-    // (The program takes about 40 MiB, however many lines there are.)
+    // The program takes about 40 MiB, however many lines there are.
     assert!(peak < 58 << 20, "{} MiB", peak >> 20);
 }
 
@@ -189,7 +189,7 @@ fn what_cannot_be_done_leaves_no_file() {
     refused(&[&file, "-o", &out], 2);
     refused(&[&file, "--every", "10", "--at", "1,2", "-o", &out], 2);
     refused(&[&file, "--every", "10", "--filled", "--ends", "close", "-o", &out], 2);
-    // A file that was cut short, and one with a changed byte among its records.
+    // A truncated file, and one with a changed byte in its records.
     let bytes = fs::read(&file).unwrap();
     let bad = path("bad.goblin");
     for length in [0, 50, bytes.len() / 2, bytes.len() - 1] {
@@ -200,7 +200,7 @@ fn what_cannot_be_done_leaves_no_file() {
     changed[100] ^= 1;
     fs::write(&bad, changed).unwrap();
     refused(&[&bad, "--every", "10", "-o", &out], 1);
-    // An older file of that name stays.
+    // An existing file of that name stays.
     fs::write(&out, "old").unwrap();
     complaint(&["contours", &bad, "--every", "10", "-o", &out], 1);
     assert_eq!(fs::read(&out).unwrap(), b"old");
@@ -228,12 +228,12 @@ fn systems_without_a_number_go_into_files_or_are_told() {
     let esri = fs::read_to_string(folder.path().join("a.prj")).unwrap();
     assert!(esri.starts_with("PROJCS[\"unknown\",GEOGCS["), "{esri}");
     assert!(Crs::parse(&esri).is_ok());
-    // GeoJSON names it by its definition.
+    // GeoJSON stores its definition.
     let (said, json) = run("a.geojson");
     assert!(!said.contains("coordinate system"), "{said}");
     let json: serde_json::Value = serde_json::from_slice(&json).unwrap();
     assert!(Crs::parse(json["crs"]["properties"]["name"].as_str().unwrap()).is_ok(), "{json}");
-    // A shapefile tells of systems with a number, too.
+    // Shapefiles also store coordinate systems with an EPSG code.
     let (folder, file) = hill(Some(Crs::epsg(32632)));
     let out = folder.path().join("a.shp");
     spinney(&["contours", &file, "--every", "20", "-o", out.to_str().unwrap()]).success();
@@ -250,7 +250,7 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
         if !Path::new(out).exists() {
             spinney(&["contours", &file, "--at", "20,60", "--filled", "-o", out]).success();
         }
-        // (Tables of text have no coordinate system.)
+        // CSV files have no coordinate system.
         let own = if ending == "csv" { &["--in", "world"][..] } else { &[] };
         let words = ["stats", &file, "--zones", out, "--edge", "area", "--json"];
         serde_json::from_str(&stdout(&[&words[..], own, more].concat())).unwrap()
@@ -262,7 +262,8 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
             .iter()
             .map(|zone| {
                 let mean = zone["channels"][0]["mean"].as_f64().unwrap_or_default();
-                // (To a millionth: of coordinates in another system, and in text.)
+                // To a relative precision of a millionth: coordinates are transformed, or stored as
+                // text.
                 ((zone["cells"].as_f64().unwrap() * 1e3).round() as u64, (mean * 1e3).round())
             })
             .collect();
@@ -278,7 +279,7 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
         assert_eq!(of(&found), of(&expected), "{ending}");
         let own = found["zones"][0]["properties"].as_object().unwrap();
         assert!(attributes.iter().all(|name| own.contains_key(name)), "{ending}: {own:?}");
-        // Those above a height, and what there is not.
+        // Those above a height, and an attribute that does not exist.
         let condition = format!("{}>=60", attributes[0]);
         let high = zones(ending, &["--where", &condition, "--attribute", &attributes[0]]);
         let high = high["zones"].as_array().unwrap();
@@ -289,7 +290,7 @@ fn areas_between_contours_are_zones_from_files_of_any_format() {
         let told = complaint(&["stats", &file, "--zones", out.to_str().unwrap(), "--where", "nothing=1"], 1);
         assert!(told.contains("nothing, which no feature has") && told.contains(&attributes[0]), "{told}");
     }
-    // Lines are no zones.
+    // Lines are not zones.
     let lines = folder.path().join("lines.fgb");
     spinney(&["contours", &file, "--at", "20", "-o", lines.to_str().unwrap()]).success();
     let told = complaint(&["stats", &file, "--zones", lines.to_str().unwrap()], 1);

@@ -1,5 +1,5 @@
-//! Places in other coordinates than the tree's: the option `--in`, features in their own systems, boxes across the 180th meridian,
-//! and the step `warp=`.
+//! Positions in other coordinates than the tree's: the option `--in`, features with their own
+//! coordinate systems, boxes across the 180th meridian, and the operation `warp=`.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use spinney::{Bounds, Crs, DataKind, Frame, Metadata, Output, Rule, SampleType, 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::{options, quad, with};
 
-/// A folder with trees of 200 x 100 cells: each cell's value is its column (modulo 250).
+/// A directory with trees of 200 x 100 cells: each cell's value is its column (modulo 250).
 struct Place(tempfile::TempDir);
 
 const EXTENT: [u64; 3] = [200, 100, 1];
@@ -47,7 +47,7 @@ impl Place {
         file
     }
 
-    /// A GeoJSON file of a square around places, as a feature with attributes.
+    /// Writes a GeoJSON file of a quadrilateral with attributes.
     fn zones(&self, name: &str, corners: &[[f64; 2]], crs: &str) -> String {
         let mut ring = corners.to_vec();
         ring.push(corners[0]);
@@ -64,7 +64,7 @@ impl Place {
     }
 }
 
-/// Corners of a box of cells in a system.
+/// Returns the border of a box of cells in a coordinate system.
 fn corners(frame: &Frame, [left, top, right, bottom]: [f64; 4], epsg: u32) -> Vec<[f64; 2]> {
     let own = Projection::new(frame.crs.as_ref().unwrap(), false).unwrap();
     let other = Projection::new(&Crs::epsg(epsg), false).unwrap();
@@ -72,7 +72,7 @@ fn corners(frame: &Frame, [left, top, right, bottom]: [f64; 4], epsg: u32) -> Ve
         let [x, y, _] = frame.to_world([column, row, 0.0]);
         other.forward(own.inverse([x, y]).unwrap()).unwrap()
     };
-    // (A corner on each cell, so that edges are the box's also where they are curves.)
+    // A vertex on each cell, so that edges follow the box even where they are curves.
     let steps = |from: [f64; 2], to: [f64; 2]| {
         (0..64).map(move |i| [0, 1].map(|axis| from[axis] + (to[axis] - from[axis]) * f64::from(i) / 64.0))
     };
@@ -89,7 +89,7 @@ fn zones_of(tree: &str, zones: &str, more: &[&str]) -> Json {
 fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
     let place = Place::new();
     let tree = place.tree("utm.goblin", utm());
-    // A box whose edges pass between cells' centres.
+    // A box whose edges pass between cell centres.
     let window = [20.25, 30.25, 60.25, 50.25];
     for (epsg, crs) in [
         (4326, ""),
@@ -107,11 +107,11 @@ fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
         );
         assert_eq!(zone["properties"]["lots"], json!([1, 2]));
     }
-    // What somebody says goes before what the document says.
+    // Explicit options take precedence over the document.
     let own = place.zones("own.geojson", &corners(&utm(), window, 32632), "");
     assert_eq!(zones_of(&tree, &own, &["--in", "world"])["zones"][0]["cells"], 800.0);
     assert_eq!(zones_of(&tree, &own, &["--in", "EPSG:32632"])["zones"][0]["cells"], 800.0);
-    // In degrees these are nowhere; so are other places.
+    // Read as degrees, these are out of range; other positions miss the tree.
     let told = complaint(&["stats", &tree, "--zones", &own], 1);
     assert!(
         told.contains("own.geojson") && told.contains("EPSG:4326") && told.contains("outside of the tree"),
@@ -123,7 +123,7 @@ fn zones_are_in_their_own_system_and_keep_ids_and_attributes() {
     let swapped: Vec<_> = corners(&utm(), window, 4326).into_iter().map(|[x, y]| [y, x]).collect();
     let told = complaint(&["stats", &tree, "--zones", &place.zones("swapped.geojson", &swapped, "")], 1);
     assert!(told.contains("swapped"), "{told}");
-    // A tree without a system takes them as they are, and says so.
+    // A tree without a coordinate system takes them unchanged, and reports it.
     let bare = place.tree("bare.goblin", Frame::planar([1.0, 0.0, 0.0, 0.0, -1.0, 100.0]));
     let zones = place.zones("bare.geojson", &[[0.0, 90.0], [10.0, 90.0], [10.0, 100.0], [0.0, 100.0]], "");
     let run = spinney(&["stats", &bare, "--zones", &zones]).success();
@@ -193,7 +193,7 @@ fn parts_are_found_in_any_coordinates_and_across_the_180th_meridian() {
     assert!(
         !found.is_empty() && stdout(&["find", &world, "--below", "2", "--window", "5,0,190,100"]).is_empty()
     );
-    // A raster that is counted on beyond 180 degrees.
+    // A raster whose longitudes continue beyond 180 degrees.
     assert_eq!(stats(&[&pacific, "--in", "lonlat", "--window", "175,-1,-175,1"])["cells"], 100 * 20);
     assert_eq!(stdout(&["point", &pacific, "-175.05,0.05"]), "149\n");
     // A box of degrees on UTM: the smallest window around it.
@@ -261,7 +261,7 @@ fn trees_are_warped_to_any_system() {
     let frame = warped.metadata().frame.clone();
     assert_eq!([frame.matrix[0][0], frame.matrix[1][1]], [1000.0, -1000.0]);
     assert!((0..2).all(|axis| frame.matrix[axis][3] % 1000.0 == 0.0));
-    // Every cell has what lies at its centre; no data are cut off, and no side is empty.
+    // Every cell has the source value at its centre; no data are cut off, and no side is empty.
     let (own, other) = (
         Projection::new(&Crs::epsg(32632), false).unwrap(),
         Projection::new(&Crs::epsg(3035), false).unwrap(),
@@ -296,7 +296,7 @@ fn trees_are_warped_to_any_system() {
     assert!(
         (0..margin).any(|column| has(Box::new((0..height).map(move |row| row * width + width - 1 - column))))
     );
-    // As a view, without a cell's width, to degrees and across their seam, around a pole.
+    // As a view, without a cell width, to degrees across their seam, and around a pole.
     let picture = place.name("view.tif");
     spinney(&["get", &tree, &picture, "--view", "warp=EPSG:4326", "--size", "64x64"]).success();
     let fiji = place.tree("fiji.goblin", framed(32701, [2000.0, 0.0, 200_000.0, 0.0, -2000.0, 8_000_000.0]));

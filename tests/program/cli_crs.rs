@@ -1,4 +1,4 @@
-//! Coordinate systems through the program: kept as they came, written back, told, and compared.
+//! Coordinate systems in the program: preserved, written back, reported, and compared.
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +11,7 @@ use crate::common::command::{command, complaint, stderr, stdout};
 use crate::common::shared_data;
 use crate::common::tiff_file::{Ifd, Values, file};
 
-/// An equal-area map of Africa, without numbers.
+/// An equal-area map of Africa, without an EPSG code.
 const AFRICA: &str = r#"PROJCS["Africa & beyond",GEOGCS["ball",DATUM["ball",SPHEROID["ball",6370997,0]],
     PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Lambert_Azimuthal_Equal_Area"],
     PARAMETER["latitude_of_center",12],PARAMETER["longitude_of_center",3],UNIT["metre",1]]"#;
@@ -33,13 +33,13 @@ impl Setting {
         self.path(name).to_str().unwrap().into()
     }
 
-    /// Builds a tree of a picture; what was said.
+    /// Builds a tree of an image. Returns the messages.
     fn build(&self, picture: &str, tree: &str, options: &[&str]) -> String {
         let run = command(&["build", picture, "-o", &self.name(tree)]).args(options).assert().success();
         stderr(run)
     }
 
-    /// Writes all of a tree as a picture; what was said.
+    /// Exports a tree as an image. Returns the messages.
     fn get(&self, tree: &str, picture: &str) -> String {
         stderr(command(&["-q", "get", &self.name(tree), &self.name(picture)]).assert().success())
     }
@@ -48,7 +48,8 @@ impl Setting {
         serde_json::from_str(&stdout(&["info", &self.name(tree), "--json"])).unwrap()
     }
 
-    /// A GeoTIFF file of four pixels with an equal-area projection by parameters, at a latitude.
+    /// Writes a GeoTIFF file of four pixels with an equal-area projection by parameters, at a
+    /// latitude.
     fn equal_area(&self, name: &str, latitude: f64) -> String {
         let keys = [
             [1, 1, 0, 9],
@@ -72,7 +73,7 @@ impl Setting {
     }
 }
 
-/// Four pixels of 10 x 10 from 100, 200 on.
+/// Returns four pixels of 10 x 10, starting at 100, 200.
 fn placed() -> Ifd {
     let ifd = Ifd::grey(2, 2, vec![1, 2, 3, 4]);
     let ifd = ifd.tag(33550, Values::Double(vec![10.0, 10.0, 0.0]));
@@ -83,7 +84,8 @@ fn frame(path: &Path) -> Frame {
     raster::open(path, &RasterOptions::default()).unwrap().info().frame.clone()
 }
 
-/// Little-endian bytes of a tag's values in the first directory of a TIFF file of any kind.
+/// Returns the little-endian bytes of a tag's values in the first directory of a TIFF file of any
+/// kind.
 fn tag_bytes(path: &Path, wanted: u64) -> Option<Vec<u8>> {
     let bytes = std::fs::read(path).unwrap();
     let is_little = bytes[0] == b'I';
@@ -112,8 +114,8 @@ fn tag_bytes(path: &Path, wanted: u64) -> Option<Vec<u8>> {
     Some(values)
 }
 
-/// The keys of a file without that for the raster type: entries, doubles, and texts without NULs at their end, which some
-/// writers leave out.
+/// Returns a file's geokeys except the raster type: entries, doubles, and strings without trailing
+/// NULs, which some writers omit.
 fn keys(path: &Path) -> (Vec<[u16; 4]>, Vec<u8>, Vec<u8>) {
     let table = tag_bytes(path, 34735).unwrap_or_default();
     let table: Vec<u16> = table.as_chunks::<2>().0.iter().map(|number| u16::from_le_bytes(*number)).collect();
@@ -141,13 +143,13 @@ fn keys_of_geotiff_files_come_back_as_they_were() {
     let (tree, out) = (setting.name("t.goblin"), setting.path("out.tif"));
     let mut defined = 0;
     for path in files {
-        // (Large ones, and those that are not read, are for other tests.)
+        // Other tests cover large and unreadable files.
         let is_small = path.metadata().unwrap().len() < 1 << 20;
         let Some(before) = is_small.then(|| raster::open(&path, &RasterOptions::default()).ok()).flatten()
         else {
             continue;
         };
-        // Control points are in a system where the picture is in none.
+        // Control points may have a coordinate system although the image has none.
         let control = before.info().control_points.as_ref().is_some_and(|points| points.crs.is_some());
         let before = before.info().frame.clone();
         let build = command(&["-q", "build", path.to_str().unwrap(), "-o", &tree]).output().unwrap();
@@ -174,7 +176,7 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
     let picture = setting.name("rows.png");
     std::fs::copy(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/classic.png"), &picture).unwrap();
     setting.write("rows.pgw", b"2\n0\n0\n-2\n101\n199\n");
-    // Keys have no number for this method.
+    // Geokeys have no number for this method.
     let world = AFRICA.replace("Lambert_Azimuthal_Equal_Area", "Mollweide").replace(
         "PARAMETER[\"latitude_of_center\",12],PARAMETER[\"longitude_of_center\",3]",
         "PARAMETER[\"central_meridian\",3]",
@@ -191,16 +193,16 @@ fn systems_that_keys_cannot_define_stand_beside_the_picture() {
     );
     assert_eq!(tag_bytes(&setting.path("out.tif"), 34735), None);
     assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::Wkt(world)));
-    // Standard output has nothing beside it.
+    // Standard output cannot have a sidecar file.
     let run = command(&["get", &setting.name("t.goblin"), "-", "--format", "tif"]).assert().success();
     assert!(stderr(run).contains("has no coordinate system"));
-    // Likewise PROJJSON, and numbers that keys do not have.
+    // Likewise PROJJSON, and EPSG codes that geokeys cannot store.
     for definition in [JSON, "EPSG:900913"] {
         setting.build(&picture, "t.goblin", &["--crs", definition]);
         setting.get("t.goblin", "out.tif");
         assert_eq!(frame(&setting.path("out.tif")).crs, Some(Crs::parse(definition).unwrap()));
     }
-    // What has a number becomes keys; the old file beside it goes, which is told.
+    // A system with an EPSG code becomes geokeys; the old sidecar is removed, which is reported.
     let numbered = AFRICA.replace("UNIT[\"metre\",1]", "UNIT[\"metre\",1],AUTHORITY[\"EPSG\",\"32628\"]");
     setting.build(&picture, "t.goblin", &["--crs", &numbered]);
     assert!(setting.get("t.goblin", "out.tif").contains("earlier picture"));
@@ -285,14 +287,14 @@ fn different_systems_do_not_pass_as_equal() {
             assert!(said.contains("coordinate system") && said.contains("crs"), "{arguments:?}: {said}");
         }
     };
-    // (Neither can be computed: one would be brought to the other.)
+    // Neither can be computed, since one would have to be transformed.
     refused("a", "b");
     refused("a", "none");
     refused("none", "a");
     command(&["-q", "combine", "union", &name("a.goblin"), &name("again.goblin"), "-o", &out])
         .assert()
         .success();
-    // The ways out.
+    // The workarounds.
     let step = format!("crs=@{}", setting.write("mine.wkt", AFRICA.as_bytes()));
     for tree in ["a", "none"] {
         let named = setting.name(&format!("{tree}_named.goblin"));

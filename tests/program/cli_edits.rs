@@ -1,4 +1,5 @@
-//! `spinney edit` and its kin: `log`, `diff`, `revert`, `compact`, `publish`, and `@N` wherever a file is expected.
+//! `spinney edit` and related commands: `log`, `diff`, `revert`, `compact`, `publish`, and `@N`
+//! wherever a file is expected.
 
 use std::path::PathBuf;
 
@@ -15,7 +16,7 @@ struct Place {
 }
 
 impl Place {
-    /// The island's classes, to be edited.
+    /// Writes the island's classes, to be edited.
     fn new() -> Place {
         let place = Place { folder: tempfile::tempdir().unwrap() };
         spinney(&["-q", "build", CLASSES, "-o", &place.at("i.autumn")]).success();
@@ -33,14 +34,14 @@ impl Place {
         spinney(&all).success();
     }
 
-    /// All values, row after row; 0 is VOID.
+    /// Returns all values, row by row; 0 is VOID.
     fn values(&self, name: &str) -> Vec<u8> {
         let arguments = ["get", &self.at(name), "-", "--format", "raw", "--nodata", "0"];
         spinney(&arguments).success().get_output().stdout.clone()
     }
 }
 
-/// What `values` would be after changing some of them.
+/// Returns the values after some of them are changed.
 fn changed(values: &[u8], cell: impl Fn(usize, usize) -> Option<u8>) -> Vec<u8> {
     let cells = values.iter().enumerate();
     cells.map(|(i, value)| cell(i % 256, i / 256).unwrap_or(*value)).collect()
@@ -56,7 +57,7 @@ fn edits_outside_of_the_picture_are_refused() {
         &["fill", "--window", "256,0,9,9", "--value", "3"][..],
         &["fill", "--window", "0,200,9,9", "--void"],
         &["fill", "--in", "world", "--window", "0,0,10,10", "--value", "3"],
-        // In the tree's space, but behind the last row.
+        // In the tree's space, but below the last row.
         &["fill", "--block", "/333", "--value", "3"],
         &["fill", "--polygon", "0,0 10,0 0,10", "--value", "3"],
         &["fill", "--polygon", "400000,3195000 410000,3195000 400000,3190000", "--value", "3"],
@@ -68,7 +69,7 @@ fn edits_outside_of_the_picture_are_refused() {
         assert!(said.contains("outside"), "{edit:?}: {said}");
     }
     assert!(stdout(&["info", &file]).contains("commit      1"));
-    // What is partly inside is done there.
+    // Partially inside: the inner cells are filled.
     place.edit(&["fill", "--window", "250,190,100,100", "--value", "3"]);
 }
 
@@ -84,7 +85,7 @@ fn every_edit_does_what_it_says() {
     place.edit(&["fill", "--block", "/30", "--void"]);
     now = changed(&now, |x, y| ((128..192).contains(&x) && (128..192).contains(&y)).then_some(0));
     assert_eq!(place.values("i.autumn"), now);
-    // A triangle in the world: cells are 50 m wide, from 300000, 3200000.
+    // A triangle in world coordinates: cells are 50 m wide, from 300000, 3200000.
     place.edit(&["fill", "--polygon", "300000,3200000 301000,3200000 300000,3199000", "--value", "2"]);
     now = changed(&now, |x, y| (x + y < 19).then_some(2));
     assert_eq!(place.values("i.autumn")[..256 * 18], now[..256 * 18]);
@@ -96,7 +97,7 @@ fn every_edit_does_what_it_says() {
     place.edit(&["set", &cells]);
     (now[0], now[1], now[2], now[256 * 199 + 255]) = (4, 6, 0, 5);
     assert_eq!(place.values("i.autumn"), now);
-    // The picture itself, elsewhere, and then where it lies.
+    // The image itself, at another position, and then at its own.
     place.edit(&["paste", CLASSES, "--at", "-100,60"]);
     now = changed(&now, |x, y| {
         let old = if x + 100 < 256 && y >= 60 { first[(y - 60) * 256 + x + 100] } else { 0 };
@@ -153,7 +154,7 @@ fn history_is_told_and_gone_back_in() {
     assert_eq!(json[0]["time"], 951_782_400);
     let info: serde_json::Value = serde_json::from_str(&stdout(&["info", &file, "--json"])).unwrap();
     assert_eq!((&info["format"], &info["commit"]["number"]), (&"Autumnal".into(), &2.into()));
-    // Every question can be asked of any commit.
+    // Every query works on any commit.
     let old = format!("{file}@1");
     assert_eq!(place.values("i.autumn@1"), first);
     assert_ne!(place.values("i.autumn"), first);
@@ -181,7 +182,7 @@ fn history_is_told_and_gone_back_in() {
     assert_eq!(place.values("i.autumn"), first);
     let text = stderr(spinney(&["revert", &file, "3"]).success());
     assert!(text.contains("nothing has changed"), "{text}");
-    // Fewer commits in a new file, with the numbers that they had.
+    // Fewer commits in a new file, with their old numbers.
     let small = place.at("small.autumn");
     spinney(&["-q", "compact", &file, "-o", &small, "--commits", "1,2", "--share"]).success();
     assert_eq!(place.values("small.autumn@1"), first);
@@ -206,7 +207,7 @@ fn publishing_and_back_gives_the_same_bytes() {
         spinney(&["-q", "convert", &name, &published]).success();
         assert!(std::fs::read(&built).unwrap() == std::fs::read(&published).unwrap());
     }
-    // Other programs' results can be edited, too.
+    // Results of other commands can be edited, too.
     let turned = place.at("turned.autumn");
     spinney(&["-q", "transform", &built, "rotate=90", "-o", &turned]).success();
     spinney(&["-q", "edit", &turned, "fill", "--window", "0,0,5,5", "--value", "1"]).success();
@@ -256,7 +257,7 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
         let text = stderr(spinney(arguments).failure());
         assert!(text.contains(message), "{arguments:?}: {text}");
     }
-    // (Who last edited it is noted in the first page, which is no part of what is stored.)
+    // The last editor is noted in the first page, which is not content.
     let after = std::fs::read(&file).unwrap();
     assert!(before[4096..] == after[4096..before.len()]);
     assert_eq!(stdout(&["log", &file, "--json"]).matches("\"number\"").count(), 1);
@@ -270,7 +271,8 @@ fn what_cannot_be_done_is_refused_and_changes_nothing() {
 fn conversions_stay_within_memory() {
     let place = Place::new();
     let (large, file, back) = (place.at("large.goblin"), place.at("large.autumn"), place.at("back.goblin"));
-    // 66 million cells, most of them with neighbours of other classes: what is stored is much more than what may be held.
+    // 66 million cells, most of them next to other classes: the stored data far exceed the memory
+    // limit.
     let noise = place.at("noise.csv");
     let lines = (0..200_000u64).map(|i| {
         let place = i.wrapping_mul(0x9E37_79B9_7F4A_7C15);
@@ -294,6 +296,6 @@ fn conversions_stay_within_memory() {
         let peak = run(&[arguments, &["--memory", "16M"]].concat());
         assert!(peak < cap, "{arguments:?}: {} MiB", peak >> 20);
     }
-    // (To go back takes no memory, which there is no option for.)
+    // Reverting takes no memory and has no option for it.
     assert!(run(&["revert", &file, "1"]) < cap);
 }

@@ -1,4 +1,4 @@
-//! Exact models on the command line: pictures of them, and their leaves.
+//! Exact models on the command line: rendered images, and their leaves.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -11,10 +11,10 @@ use tempfile::TempDir;
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 use crate::common::shared_data;
 
-/// A cube whose sides have 64 units.
+/// A cube with sides of 64 units.
 const CUBE: &str = "OFF\n8 6 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64 0 64\n64 64 64\n0 64 64\n\
     4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
-/// A tetrahedron whose corners are red.
+/// A tetrahedron with red vertices.
 const COLOURED: &str = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n\
     property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 4\n\
     property list uchar int vertex_indices\nend_header\n0 0 0 255 0 0\n6 0 0 255 0 0\n0 6 0 255 0 0\n\
@@ -36,14 +36,14 @@ impl Folder {
         self.name(name)
     }
 
-    /// A file that is built of a mesh.
+    /// Builds a file from a mesh.
     fn built(&self, mesh: &str, name: &str, options: &[&str]) -> String {
         let file = self.name(name);
         command(&["build", "-q", mesh, "-o", &file]).args(options).assert().success();
         file
     }
 
-    /// Pixels of a picture of a file.
+    /// Returns the pixels of a rendered file.
     fn render(&self, file: &str, options: &[&str]) -> Vec<u8> {
         let out = self.name("out.png");
         command(&["render", "-q", file, &out]).args(options).assert().success().stdout("").stderr("");
@@ -55,12 +55,12 @@ impl Folder {
     }
 }
 
-/// Which pixels have a share of the background, of a white one.
+/// Returns which pixels show a share of the background, which is white.
 fn background(pixels: &[u8]) -> Vec<bool> {
     pixels.chunks(3).map(|pixel| pixel == [255; 3]).collect()
 }
 
-/// Number of pixels with a neighbour of the other kind.
+/// Counts pixels with a neighbour of the other kind.
 fn outline(pixels: &[bool], width: usize) -> usize {
     (0..pixels.len())
         .filter(|&at| {
@@ -70,7 +70,7 @@ fn outline(pixels: &[bool], width: usize) -> usize {
         .count()
 }
 
-/// Pictures of exact models look like those of fine cells of the same model.
+/// Rendered exact models equal rendered fine cells of the same model.
 #[test]
 fn pictures_of_exact_models_are_those_of_fine_cells() {
     let folder = Folder::new();
@@ -103,14 +103,14 @@ fn pictures_of_exact_models_are_those_of_fine_cells() {
 fn pictures_have_flat_faces_and_the_options_of_cells() {
     let folder = Folder::new();
     let cube = folder.built(&folder.mesh("cube.off", CUBE), "cube.goblin", &["--brep"]);
-    // Seen straight on, parallel light and parallel rays: one colour within, where no highlight changes it.
+    // Seen straight on, with parallel light and rays: one colour inside, without highlights.
     let options = ["--size", "40x40", "--orthographic", "--from", "180,0", "--background", "#102030"];
     let pixels = folder.render(&cube, &options);
     let colours: BTreeSet<&[u8]> = pixels.chunks(3).collect();
     assert!(pixels[..3] == [0x10, 0x20, 0x30] && colours.len() <= 4, "{colours:?}");
     let inside = pixels.chunks(3).filter(|pixel| *pixel != [0x10, 0x20, 0x30]).count();
     assert!((inside as f64 - (0.92 * 40.0f64).powi(2)).abs() <= 4.0 * 40.0, "{inside}");
-    // The picture does not depend on the number of threads.
+    // The image does not depend on the thread count.
     let threads = |number: &str| {
         let out = folder.name("threads.png");
         command(&["render", "-q", &cube, &out, "--size", "50x70", "--samples", "3"])
@@ -123,7 +123,7 @@ fn pictures_have_flat_faces_and_the_options_of_cells() {
     let options = ["--size", "20x20", "--background", "transparent", "--up", "y", "--scale", "0.5"];
     let pixels = folder.render(&cube, &options);
     assert_eq!((pixels.len(), &pixels[..4]), (1600, &[0; 4][..]));
-    // Colours are those of corners.
+    // Colours are those of vertices.
     let coloured = folder.built(&folder.mesh("red.ply", COLOURED), "red.goblin", &["--brep"]);
     let pixels = folder.render(&coloured, &["--size", "20x20", "--background", "black"]);
     let [red, green, blue] =
@@ -155,7 +155,7 @@ fn leaves_are_found_by_their_kinds() {
         let numbers = |text: &str| text.split(',').map(|n| n.parse().unwrap()).collect::<Vec<f64>>();
         let (position, world, level) = (numbers(position), numbers(world), level.parse::<i32>().unwrap());
         let width = world[3] - world[0];
-        // Cells begin half a step before the grid's first point.
+        // Cells begin half a grid unit before the grid's first point.
         let first = world[0] - position[0] * width;
         assert!(first <= 0.0 && first > -1e-3 && code.starts_with('/'), "{line}");
         assert!(code.len() as i32 == level + 1, "{line}");
@@ -206,7 +206,7 @@ fn conditions_are_those_of_the_kind_of_file() {
     assert!(refuse(&cells, &["--leaf", "full"], 1).contains("no exact model"));
 }
 
-/// Two cubes that pass through each other.
+/// Two cubes that intersect.
 const CROSSING: &str = "OFF\n16 12 0\n0 0 0\n64 0 0\n64 64 0\n0 64 0\n0 0 64\n64 0 64\n64 64 64\n0 64 64\n\
     32 32 32\n96 32 32\n96 96 32\n32 96 32\n32 32 96\n96 32 96\n96 96 96\n32 96 96\n\
     4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n\
@@ -229,7 +229,7 @@ fn what_passes_through_itself_is_repaired_where_that_is_asked_for() {
     let cube = folder.mesh("cube.off", CUBE);
     let told = complaint(&["build", &cube, "--brep", "--repair", "-o", &file], 0);
     assert!(told.contains("the surface is in order"), "{told}");
-    // It is about exact models.
+    // The option applies to exact models.
     for option in [vec!["--repair"], vec!["--close"], vec!["--snap", "1"], vec!["--leaf-size", "3"]] {
         let words = [&["build", &mesh, "--cells", "8", "-o", &file][..], &option[..]].concat();
         let told = complaint(&words, 1);
@@ -237,7 +237,8 @@ fn what_passes_through_itself_is_repaired_where_that_is_asked_for() {
     }
 }
 
-/// What a CityJSON file says of its objects is told, and left out with a word where a format has no room for it.
+/// Attributes of CityJSON objects are reported, and a warning is issued if a format cannot store
+/// them.
 #[test]
 fn attributes_are_told() {
     let folder = Folder::new();
@@ -290,7 +291,8 @@ fn distances_and_rays_are_told() {
     near(lines[2], &[2.0, 2.0, 1.0, 2.0, 64.0, 1.0, 0.0, 1.0]);
     near(lines[3], &[2.0, 10.0, 1.0, 2.0, 0.0, 0.0, 0.0, 0.0]);
     assert_eq!(lines.len(), 4);
-    // Those of a file are as those of the command line, and the first of each is the first of all.
+    // Rays of a file give the same results as those of the command line, and the first hit of each
+    // is the first of all hits.
     let text = rays.join("\n") + "\n\n";
     let of = |which: &str| {
         let done = command(&["point", &cube, "--rays", which]).write_stdin(text.clone()).assert().success();
@@ -313,7 +315,7 @@ fn distances_and_rays_are_told() {
     assert!(complaint(&["point", &cells, "--distance", "1,2,3"], 1).contains("for exact models"));
 }
 
-/// Three cubes as objects: one that is right, one that is open, and one that is inside out; and two that lie in each other.
+/// Three cubes as objects: one valid, one open, and one inside out; and two that overlap.
 fn street(folder: &Folder) -> String {
     let mut text = String::new();
     let mut first = 1;
@@ -360,7 +362,7 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     ] {
         assert!(info.contains(part), "{part}: {info}");
     }
-    // Two cubes that lie in each other by half, and one beside.
+    // Two cubes that overlap by half, and one next to them.
     let json = stdout(&["stats", &out, "--json"]);
     assert_eq!(serde_json::from_str::<Json>(&json).unwrap()["volume"], 2500.0);
     let all = ["build", &mesh, "-o", &out, "--brep", "--repair", "--close"];
@@ -391,7 +393,7 @@ fn objects_are_skipped_repaired_measured_and_exported() {
     assert!(refused.contains("--repair"), "{refused}");
 }
 
-/// Objects of a file that no exact model is made of as it is, and of one that is; one of them by its name.
+/// Objects of a file that is not a valid exact model, and of one that is; one of them by name.
 #[test]
 fn objects_are_found() {
     let folder = Folder::new();
@@ -415,7 +417,7 @@ fn objects_are_found() {
     let cells = folder.built(&mesh, "cells.goblin", &["--cells", "16"]);
     let refused = complaint(&["find", &cells, "--contacts"], 1);
     assert!(refused.contains("is no exact model and no mesh"), "{refused}");
-    // On a grid of coarse steps objects are where their corners are moved to.
+    // On a coarse grid, objects are at their snapped positions.
     let told = stdout(&["find", &mesh, "--contacts", "--snap", "4"]);
     assert!(told.starts_with("overlap ") && told != "overlap 500 0 5,0,0\tright\ttwice\n", "{told}");
     assert!(complaint(&["find", &mesh, "--contacts", "--snap", "0"], 1).contains("a width above zero"));
@@ -441,7 +443,7 @@ fn objects_are_found() {
     assert_eq!(json["face_columns"], serde_json::json!(["surface", "type"]));
 }
 
-/// Semantics of surfaces stay with faces that `combine` divides.
+/// Semantics of surfaces stay with faces that `combine` splits.
 #[test]
 fn combine_keeps_values_of_faces() {
     let folder = Folder::new();
@@ -464,7 +466,7 @@ fn combine_keeps_values_of_faces() {
     assert_eq!(semantics("b"), Json::Null);
 }
 
-/// Parts of faces that `section --split` divides have what the faces had.
+/// Fragments of faces that `section --split` makes keep the faces' values.
 #[test]
 fn divided_faces_keep_values() {
     let folder = Folder::new();
@@ -485,12 +487,12 @@ fn divided_faces_keep_values() {
     assert_eq!(city["CityObjects"].as_object().unwrap().keys().collect::<Vec<_>>(), ["a"]);
     let semantics = &city["CityObjects"]["a"]["geometry"][0]["semantics"];
     assert_eq!(semantics["surfaces"], serde_json::json!([{ "type": "RoofSurface" }]));
-    // The roof is two faces, of nine.
+    // The roof is two of nine faces.
     let values = semantics["values"][0].as_array().unwrap();
     assert_eq!((values.len(), values.iter().filter(|value| **value == 0).count()), (9, 2));
 }
 
-/// Corners of a box, those below first.
+/// Returns the corners of a box, the lower ones first.
 fn json_box(low: [i32; 3], high: [i32; 3]) -> [[i32; 3]; 8] {
     [0, 1, 2, 3, 4, 5, 6, 7].map(|corner: usize| {
         let at = [[0, 0], [1, 0], [1, 1], [0, 1]][corner % 4];
@@ -498,7 +500,7 @@ fn json_box(low: [i32; 3], high: [i32; 3]) -> [[i32; 3]; 8] {
     })
 }
 
-/// A city of boxes, of whose surfaces the upper one is a roof.
+/// Returns a city of boxes whose upper surface is a roof.
 fn city(boxes: &[(&str, [[i32; 3]; 8])]) -> String {
     let sides = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]];
     let mut objects = serde_json::Map::new();

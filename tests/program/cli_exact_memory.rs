@@ -1,24 +1,25 @@
-//! Memory of work on exact models whose faces have no room in it, as people run it.
+//! Memory of operations on exact models whose faces exceed the limit, measured in the program.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::common::command::{complaint, peak_memory, stdout};
 
-/// The program itself, threads' stacks and the allocator's leftovers.
+/// Allowance in bytes for the program, thread stacks and allocator overhead.
 const ALLOWANCE: u64 = 32 << 20;
 
-/// The sorts of an export, which has no option for its memory.
+/// The sort buffers of an export, which has no memory option.
 const SORTS: u64 = 128 << 20;
 
-/// Steps around the torus, and around its tube: 302,642 triangles, which take more than 60 MB where they are looked at in memory.
+/// Segments around the torus, and around its tube: 302,642 triangles, which take more than 60 MB in
+/// memory.
 const SIDE: i32 = 389;
 
 fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// A torus that is moved, as a PLY file.
+/// Writes a translated torus as a PLY file.
 fn torus(path: &Path, [x, y, z]: [f64; 3]) {
     let count = SIDE * SIDE;
     let mut bytes = format!(
@@ -62,7 +63,7 @@ fn memory_of_exact_models_stays_within_its_budget() {
     ];
     for (job, memory) in jobs {
         let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));
-        // (Files of models are small, and would count where they are mapped.)
+        // Model files are small, and mapped pages would count.
         command.args(job).args(["-q", "--positioned"]).current_dir(folder.path());
         let peak = peak_memory(&mut command.spawn().unwrap());
         assert!(peak > 0 && peak < memory + ALLOWANCE, "{} MiB for {job:?}", peak >> 20);
@@ -75,7 +76,7 @@ fn memory_of_exact_models_stays_within_its_budget() {
     assert!(both > a && both < 0.9999 * (a + b), "{a}, {b}, {both}");
 }
 
-/// A repair holds the faces, and says that it has no room for them before it divides any.
+/// A repair holds the faces in memory, and reports insufficient memory before it splits any.
 #[test]
 fn repairs_without_memory_are_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Exact models that are moved, on the command line.
+//! Transformed exact models on the command line.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ impl Folder {
         self.folder.path().join(name).to_str().unwrap().into()
     }
 
-    /// The file that some steps and options make, and what is told of it.
+    /// Transforms with some operations and options. Returns the file and the messages.
     fn moved(&self, name: &str, arguments: &[&str]) -> (String, String) {
         let file = self.name(name);
         let all = [&["transform", &self.wedge, "-o", &file], arguments].concat();
@@ -106,7 +106,7 @@ fn questions_see_models_through_shifts_and_factors() {
     assert!(told.contains("which move coordinates"), "{told}");
 }
 
-/// Questions for numbers see models through any map, and say so where these are rounded; all others want a file.
+/// Queries for numbers work on models through any map, and report rounding; all others need a file.
 #[test]
 fn questions_see_models_through_any_map() {
     let folder = Folder::new();
@@ -131,7 +131,7 @@ fn questions_see_models_through_any_map() {
             let words = text.split([',', ' ', '(', ')', '\t', '\n', '"']);
             let mut numbers: Vec<f64> = words.filter_map(|word| word.parse().ok()).collect();
             if question[0] == "section" {
-                // (Rings may begin anywhere, with a point that is there once more.)
+                // Rings may begin anywhere, and repeat their first point.
                 numbers.sort_by(f64::total_cmp);
                 numbers.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
             }

@@ -14,7 +14,7 @@ struct Folder {
     b: String,
 }
 
-/// A cube in a file.
+/// Returns a cube as a mesh file.
 fn cube(low: i32, high: i32) -> String {
     let mut text = String::from("OFF\n8 6 0\n");
     for [x, y, z] in [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]
@@ -44,7 +44,7 @@ impl Folder {
         file
     }
 
-    /// The file of an operation on both.
+    /// Combines both with an operation.
     fn combined(&self, operation: &str, name: &str) -> String {
         let file = self.name(name);
         command(&["combine", "-q", operation, &self.a, &self.b, "-o", &file])
@@ -144,7 +144,7 @@ fn what_means_nothing_is_refused() {
     complaint(&["combine", "16", a, b, "-o", &never], 2);
     complaint(&["combine", "union", a, &folder.name("none.goblin"), "-o", &never], 1);
     complaint(&["combine", "union", a, b], 1);
-    // What is read is not written over.
+    // Inputs are not overwritten.
     let before = std::fs::read(a).unwrap();
     for files in [[a, b], [b, a]] {
         complaint(&["combine", "union", files[0], files[1], "-o", a], 1);
@@ -152,7 +152,7 @@ fn what_means_nothing_is_refused() {
     assert!(std::fs::read(a).unwrap() == before && !Path::new(&never).exists());
 }
 
-/// Bodies without faces, or without an end, are answered for as all others are.
+/// Empty and unbounded solids support the same queries as all others.
 #[test]
 fn questions_to_results() {
     let folder = Folder::new();
@@ -188,7 +188,7 @@ fn questions_to_results() {
             "{}",
             texts[1]
         );
-        // Meshes have a surface, and with it a body; nothing may be no file of theirs.
+        // Meshes need a surface, and therefore a solid; an empty set is not a valid mesh file.
         for format in ["ply", "stl", "obj", "off", "city.json"] {
             let mesh = folder.name(&format!("out.{format}"));
             let run = command(&["export", file, &mesh]).assert();
@@ -210,7 +210,8 @@ fn questions_to_results() {
             assert!(code <= 1 && !told.contains("panicked"), "{words:?}: {told}");
         }
     }
-    // And go on: all without one is its complement; everything but that, one again.
+    // They are operands again: everything minus one is its complement; everything minus that is the
+    // first again.
     let [one, two] = ["one.goblin", "two.goblin"].map(|name| folder.name(name));
     command(&["combine", "-q", "a-b", &cases[3].0, a, "-o", &one]).assert().success();
     command(&["combine", "-q", "a-b", &cases[3].0, &one, "-o", &two]).assert().success();
@@ -218,8 +219,8 @@ fn questions_to_results() {
     assert_eq!(stdout(&["point", &one, "1,1,1", "-9,0,0"]), "outside\ninside\n");
 }
 
-/// Models built with default options are combined whatever their sizes, and so are those that were scaled, and exported ones that are
-/// built again.
+/// Models built with default options can be combined whatever their sizes, and so can scaled ones,
+/// and exported ones that are built again.
 #[test]
 fn models_built_with_default_options_are_combined() {
     let folder = Folder::new();
@@ -249,7 +250,8 @@ fn models_built_with_default_options_are_combined() {
     near(volume("b-a", &[&unit, &inches], true), 25.4f64.powi(3) - 1.0);
     let third = scaled("third.goblin", &scaled("seventh.goblin", &unit, "0.142857"), "1.7");
     near(volume("or", &[&unit, &third, &inches, &two], true), 25.4f64.powi(3) + 7.0);
-    // Decimal coordinates on a decimal grid, as STL of single precision, next to the model that it was written from.
+    // Decimal coordinates on a decimal grid, as single-precision STL, next to the model it was
+    // exported from.
     let lines = cube(0, 11).replace("11", "1.1");
     let decimal = folder.built("decimal", &lines, &["--brep", "--snap", "0.1"]);
     let stl = folder.name("decimal.stl");
@@ -260,7 +262,7 @@ fn models_built_with_default_options_are_combined() {
     near(volume("xor", &[&again, &decimal], false), 0.0);
 }
 
-/// Tiles of one city, built one by one, with grids as their files have them.
+/// Tiles of one city, built separately, with the grids of their files.
 #[test]
 fn tiles_of_a_city_are_combined() {
     let folder = Folder::new();

@@ -1,11 +1,11 @@
-//! Features in the program's other commands: filled, combined with trees, searched.
+//! Features in other commands: fill, combine with trees, search.
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
 
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
 const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
 
-/// Cells that are not VOID, and those of a class.
+/// Returns the number of cells that are not VOID, and of a class.
 fn counts(file: &str, class: u64) -> (u64, u64) {
     let told: serde_json::Value = serde_json::from_str(&stdout(&["stats", file, "--json"])).unwrap();
     let classes = told["classes"].as_array().unwrap();
@@ -21,7 +21,7 @@ fn features_fill_and_are_combined_and_searched() {
     let (map, tree, zones) = (at("i.autumn"), at("i.goblin"), at("zones.goblin"));
     spinney(&["-q", "build", CLASSES, "-o", &map]).success();
     spinney(&["-q", "build", CLASSES, "-o", &tree]).success();
-    // The cells of the districts, as a tree that was made of them.
+    // The districts' cells, as a tree built from them.
     spinney(&["-q", "build", DISTRICTS, "--grid", &tree, "-o", &zones]).success();
     let (inside, _) = counts(&zones, 1);
     let both = at("both.goblin");
@@ -31,7 +31,7 @@ fn features_fill_and_are_combined_and_searched() {
     assert!(said.contains("island_districts.geojson: 2 features"), "{said}");
     let differences = stdout(&["diff", &both, &found]);
     assert!(differences.contains("blocks     0"), "{differences}");
-    // Fewer features, and another rule.
+    // A subset of features, and another rule.
     let north = at("north.goblin");
     spinney(&[
         "-q",
@@ -83,13 +83,13 @@ fn features_fill_and_are_combined_and_searched() {
     assert!(!folder.path().join("x.goblin").exists());
 }
 
-/// Longitude and latitude of a position in web mercator, by its formula.
+/// Returns longitude and latitude of a web mercator position, by its formula.
 fn degrees(x: f64, y: f64) -> [f64; 2] {
     let radius = 6_378_137.0;
     [(x / radius).to_degrees(), (y / radius).tanh().asin().to_degrees()]
 }
 
-/// JSON with each position of coordinates changed.
+/// Returns JSON with each coordinate position changed.
 fn moved(value: &serde_json::Value, change: &dyn Fn(f64, f64) -> [f64; 2]) -> serde_json::Value {
     use serde_json::Value;
     match value {
@@ -110,7 +110,7 @@ fn moved(value: &serde_json::Value, change: &dyn Fn(f64, f64) -> [f64; 2]) -> se
     }
 }
 
-/// Whether two values of JSON are the same, but for numbers that differ by no more than this.
+/// Returns whether two JSON values are equal, with numbers within a tolerance.
 fn is_close(a: &serde_json::Value, b: &serde_json::Value, most: f64) -> bool {
     use serde_json::Value::{Array, Number, Object};
     match (a, b) {
@@ -123,7 +123,7 @@ fn is_close(a: &serde_json::Value, b: &serde_json::Value, most: f64) -> bool {
     }
 }
 
-/// The features of a file of GeoJSON.
+/// Returns the features of a GeoJSON file.
 fn features_of(path: &str) -> serde_json::Value {
     let text = std::fs::read_to_string(path).unwrap();
     serde_json::from_str::<serde_json::Value>(&text).unwrap()["features"].take()
@@ -140,7 +140,7 @@ const GEOMETRIES: [&str; 8] = [
     "null",
 ];
 
-/// A file of features in web mercator with such geometries, ids and attributes of all types.
+/// Writes features in web mercator with these geometries, ids and attributes of all types.
 fn mercator(path: &str, geometries: &[&str]) -> serde_json::Value {
     let feature = |(number, geometry): (usize, &&str)| {
         format!(
@@ -163,11 +163,11 @@ fn features_of_all_kinds_are_brought_to_another_system() {
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (input, output) = (at("in.geojson"), at("out.geojson"));
     let given = mercator(&input, &GEOMETRIES);
-    // Vertices are those of the formula, one by one; heights, ids and attributes stay.
+    // Each vertex is transformed by the formula; heights, ids and attributes stay.
     spinney(&["transform", &input, "warp=EPSG:4326", "-o", &output]).success();
     let expected = moved(&given, &degrees);
     assert!(is_close(&features_of(&output), &expected, 1e-9), "{:#}", features_of(&output));
-    // There and back again, through all formats that have several kinds.
+    // Forth and back through all formats with mixed geometry types.
     for name in ["x.gpkg", "x.fgb", "x.csv", "x.geojson"] {
         let (other, back) = (at(name), at("back.geojson"));
         spinney(&["-q", "transform", &input, "warp=EPSG:4326", "-o", &other]).success();
@@ -197,7 +197,7 @@ fn features_of_all_kinds_are_brought_to_another_system() {
             assert!(reader.next().unwrap().is_some());
         }
     }
-    // Shapefiles have lines or polygons. (Their outer rings go the other way round.)
+    // Shapefiles have lines or polygons, with reversed outer rings.
     for geometry in &GEOMETRIES[2..6] {
         let given = mercator(&input, &[geometry]);
         let (other, back) = (at("x.shp"), at("back.geojson"));
@@ -220,18 +220,18 @@ fn systems_of_features_are_declared_and_losses_are_reported() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (input, output) = (at("in.geojson"), at("out.geojson"));
-    // A declaration changes no number.
+    // Declaring a coordinate system changes no coordinates.
     let given = mercator(&input, &GEOMETRIES);
     spinney(&["transform", &input, "crs=EPSG:25832", "-o", &output]).success();
     assert_eq!(features_of(&output).to_string().replace(".0", ""), given.to_string().replace(".0", ""));
     assert!(std::fs::read_to_string(&output).unwrap().contains("25832"));
-    // Heights that not all features have, and a drawing.
+    // Heights that only some features have, and a drawing.
     mercator(&input, &[GEOMETRIES[0], r#"{"type":"Point","coordinates":[1,2]}"#]);
     let said = stderr(spinney(&["transform", &input, "warp=EPSG:4326", "-o", &output]).success());
     assert!(said.contains("heights and measures of 1 features"), "{said}");
     assert_eq!(features_of(&output)[0]["geometry"]["coordinates"].as_array().unwrap().len(), 2);
     spinney(&["-q", "transform", &input, "warp=EPSG:4326", "-o", &at("x.svg")]).success();
-    // What cannot be done leaves no file.
+    // Failed transformations leave no file.
     let (table, polar) = (at("table.csv"), at("polar.geojson"));
     std::fs::write(&table, "x,y\n5,95\n").unwrap();
     std::fs::write(

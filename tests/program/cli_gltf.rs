@@ -26,7 +26,7 @@ fn tilesets_and_models_are_written_or_refused() {
     let bytes = fs::read(&tileset).unwrap();
     let other = path("other/tileset.json");
     let refusals: [(&[&str], i32, &[&str]); 9] = [
-        // What is there stays.
+        // Existing files stay.
         (&["export", BALL, &tileset], 1, &["not empty", "another name"]),
         (&["export", BALL, "tileset.json"], 1, &["name the folder", "x/tileset.json"]),
         (&["export", BALL, &path("missing/other/tileset.json")], 1, &["other"]),

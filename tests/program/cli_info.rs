@@ -1,4 +1,4 @@
-//! Answers of `info` and `stats` about places, levels, classes and units.
+//! Output of `info` and `stats` on positions, levels, classes and units.
 
 use serde_json::{Value as Json, json};
 use spinney::{DataKind, Rule};
@@ -8,7 +8,7 @@ use crate::common::{Cells, OCT, goblin_bytes};
 
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
 
-/// A cube from 10, 20, 30 on, with edges of 4.
+/// A cube at 10, 20, 30 with edges of 4.
 const CUBE: &str = "OFF\n8 6 0
 10 20 30\n14 20 30\n14 24 30\n10 24 30\n10 20 34\n14 20 34\n14 24 34\n10 24 34
 4 0 3 2 1\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
@@ -47,7 +47,7 @@ fn octrees_tell_where_they_lie_on_every_axis() {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert_eq!(as_json(&["stats", &tree, "--json"])["solid"]["unit"], "mm");
-    // Where nobody told a unit none is made up.
+    // Without a declared unit none is reported.
     command(&["build", &model, "-o", &tree, "--cell", "0.5"]).assert().success();
     assert!(stdout(&["stats", &tree]).contains("nobody told"));
     assert!(as_json(&["info", &tree, "--json"])["unit"].is_null());
@@ -65,7 +65,7 @@ fn quadtrees_tell_where_they_lie() {
     assert!(text.contains("cell        50 x 50 m\nworld       300000,3190000 to 312800,3200000\n"), "{text}");
     let info = as_json(&["info", &tree, "--json"]);
     assert_eq!((&info["unit"], &info["cell"]), (&json!("m"), &json!([50.0, 50.0])));
-    // Classes are whole numbers, to the letter.
+    // Classes are printed as integers.
     for command in ["info", "stats"] {
         assert_eq!(as_json(&[command, &tree, "--json"])["classes"][0]["value"].to_string(), "1");
     }

@@ -10,7 +10,8 @@ use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::mesh_file::{Read, read_off, read_ply, read_stl};
 use crate::common::{made, oct, write_goblin};
 
-/// A ball in 40 x 36 x 44 cells, somewhere in the world: values go down from its middle, by 1 a cell.
+/// Returns a ball in 40 x 36 x 44 cells with a frame: values decrease from its centre by 1 per
+/// cell.
 fn ball() -> (TempDir, String) {
     let form = oct(SampleType::F32, 1);
     let cells = made(form, [40, 36, 44], |cell| {
@@ -66,7 +67,7 @@ fn several_surfaces_are_told_apart() {
     assert!(head.contains("vertex_indices\nproperty float level\nend_header\n"), "{head}");
     let last = |bytes: &[u8]| f32::from_le_bytes(bytes[bytes.len() - 4..].try_into().unwrap());
     assert_eq!(last(&bytes), 11.5);
-    // A coarser level, a part, and one that is never reached.
+    // A coarser level, a window, and a value that is never reached.
     let more = ["--level", "4", "--ends", "close", "--view", "window=0,0,0,20,36,44"];
     let out = path("b.ply");
     let words = [&["-q", "contours", &file, "--at", "6", "-o", &out], &more[..]].concat();
@@ -107,13 +108,13 @@ fn what_cannot_be_done_leaves_no_file() {
     for name in ["out.stl", "out.off"] {
         assert!(refused(&[&file, "--at", "6,7", "-o", &path(name)], 1).contains("PLY or OBJ"));
     }
-    // A file that was cut short.
+    // A truncated file.
     let bytes = fs::read(&file).unwrap();
     for length in [0, 50, bytes.len() / 2, bytes.len() - 1] {
         fs::write(path("bad.goblin"), &bytes[..length]).unwrap();
         refused(&[&path("bad.goblin"), "--at", "6", "-o", &out], 1);
     }
-    // The tree is no output.
+    // The tree is not a valid output.
     assert!(refused(&[&file, "--at", "6", "-o", &file, "--format", "ply"], 1).contains("is an input"));
     assert!(Path::new(&file).exists());
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::common::command::{complaint, spinney, stdout};
 
-/// A tree of a picture of some columns and rows, or of a volume of planes, too.
+/// Builds a tree of a raster or, with planes, of a volume.
 fn built(folder: &Path, name: &str, size: &[usize], values: &[u8], more: &[&str]) -> String {
     let input = match *size {
         [columns, rows] => {
@@ -51,7 +51,7 @@ fn a_table_tells_labels() {
 7,,,5,500,1,0,3,3,110,170,140,200,3:3 5:1
 ";
     assert_eq!(stdout(&["stats", &tree, "--labels", "-q"]), format!("{head}{labels}"));
-    // (By the first cells in Z order.)
+    // Ordered by their first cells in Z order.
     let components = "\
 1,3,,3,300,0,0,2,2,100,180,120,200,2:2 3:1
 2,7,,5,500,1,0,3,3,110,170,140,200,1:2 3:1 4:1
@@ -62,7 +62,7 @@ fn a_table_tells_labels() {
         stdout(&["stats", &tree, "--labels", "--connect", "4", "--csv", "-q"]),
         format!("{head}{components}")
     );
-    // The same by way of a tree of labels, in a file.
+    // The same via a tree of labels, in a file.
     let (made, table) = (folder.path().join("labels.goblin"), folder.path().join("t.csv"));
     let [made, table] = [made.to_str().unwrap(), table.to_str().unwrap()];
     spinney(&["-q", "transform", &tree, "components=4", "-o", made]).success();

@@ -1,4 +1,4 @@
-//! Layers of a file side by side, as the program shows them.
+//! Layers of a file, as the program shows them.
 
 use std::fs::File;
 use std::io::BufReader;
@@ -10,7 +10,7 @@ use spinney::{DataKind, Dimension, Frame, Metadata, Output, Rule, SampleType, Tr
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::{Cells, QUAD, options, quad, value};
 
-/// A layer to be written, of cells 2^coarser as large as the finest.
+/// A layer to be written, with cells 2^coarser times as large as the finest.
 struct Layer {
     name: &'static str,
     time: Option<&'static str>,
@@ -19,7 +19,7 @@ struct Layer {
     coarser: u8,
 }
 
-/// A folder with a file of layers.
+/// A directory with a file of layers.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -50,14 +50,14 @@ impl Place {
     }
 }
 
-/// Levels of the files.
+/// Depth of the files.
 const DEPTH: u8 = 7;
 
 fn cells(form: TreeType, seed: u64, size: u64) -> Cells {
     Cells::random(form, seed, [size, size - 3, 1], 9, true)
 }
 
-/// Heights twice, the second of larger cells and of another type, and classes.
+/// Returns two height layers, the second with larger cells and another type, and classes.
 fn series() -> Vec<Layer> {
     let (heights, kind) = (quad(SampleType::I16, 1), DataKind::Continuous);
     let june = Some("2024-06-01T10:20:30Z");
@@ -84,7 +84,7 @@ fn json(words: &[&str]) -> Json {
     serde_json::from_str(&stdout(words)).unwrap()
 }
 
-/// A document of a square, a field that is named like nothing else, and one that lies elsewhere.
+/// Writes a square, a field with an unusual name, and one outside of the tree.
 fn zones(place: &Place) -> String {
     let feature = |properties: &str, ring: &str| {
         format!(
@@ -112,7 +112,7 @@ fn zones_are_told_of_all_layers_with_their_times() {
             let asked = |layers: &[&str]| json(&[&words[..], layers].concat());
             let found = asked(&[]);
             for (number, layer) in series().iter().enumerate() {
-                // Each layer tells what it tells alone.
+                // Each layer gives the same result as alone.
                 let alone = asked(&["--layer", &number.to_string()]);
                 for (zone, expected) in
                     found["zones"].as_array().unwrap().iter().zip(alone["zones"].as_array().unwrap())
@@ -150,7 +150,7 @@ fn zones_of_layers_become_tables() {
     );
     let lines: Vec<&str> = lines.collect();
     let number = |number: &Json| number.to_string().trim_end_matches(".0").to_string();
-    // The first zone: a row for each channel, with what JSON has.
+    // The first zone: a row per channel, with the content of JSON.
     let layers = &found["zones"][0]["layers"];
     let row = |layer: usize, (name, time): (&str, &str), channel: usize| {
         let told = &layers[layer];
@@ -176,7 +176,7 @@ fn zones_of_layers_become_tables() {
     assert!(table.contains("\n\"a \"\"field\"\", or two\",7,,june,"), "{table}");
     assert_eq!(table.lines().filter(|line| line.starts_with("elsewhere,7,,")).count(), 3);
     assert!(table.contains("\nelsewhere,7,,june,2024-06-01T10:20:30Z,,,0,0,,,,,,\n"), "{table}");
-    // Text has a row for each zone and layer, too; of one layer it is what it was.
+    // The text format also has a row per zone and layer; for one layer it is unchanged.
     let text = stdout(&words);
     assert!(text.contains("square  July, late  2024-07-30  ") && text.contains("square  cover  "), "{text}");
     let alone = stdout(&[&words[..], &["--layer", "june"]].concat());
@@ -214,7 +214,7 @@ fn points_tell_layers_and_times() {
     }
 }
 
-/// Bands of 16 bits, of which the second has larger cells.
+/// Returns 16-bit bands, of which the second has larger cells.
 fn bands() -> Vec<Layer> {
     let layer = |name, seed, size, coarser| {
         let cells = Cells::random(quad(SampleType::U16, 1), seed, [size, size, 1], 200, true);
@@ -223,7 +223,7 @@ fn bands() -> Vec<Layer> {
     vec![layer("B04", 4, 96, 0), layer("B05", 5, 48, 1), layer("B08", 8, 96, 0)]
 }
 
-/// Columns and pixels of a PNG file: red, green, blue and opacity.
+/// Returns the columns and pixels of a PNG file: red, green, blue and opacity.
 fn pixels(path: &str) -> (usize, Vec<[u8; 4]>) {
     let mut decoder = png::Decoder::new(BufReader::new(File::open(path).unwrap()));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
@@ -251,7 +251,7 @@ fn pictures_have_layers_as_colours() {
             };
             let (columns, found) = get(&names.join(","), &out);
             let greys = names.map(|name| get(name, &place.name("grey.png")));
-            // (A layer of larger cells has fewer of them.)
+            // A layer of larger cells has fewer of them.
             let grey = |band: usize, index: usize| {
                 let (own, pixels) = &greys[band];
                 let [x, y] = [index % columns, index / columns].map(|at| at * own / columns);
@@ -277,7 +277,7 @@ fn colours_of_16_bits_are_stretched_and_others_told() {
     let run = spinney(&["get", &file, &out, "--layer", "B08,B05,B04"]).success();
     let said = String::from_utf8_lossy(&run.get_output().stderr).into_owned();
     assert!(said.contains(r#"{"draw":"rgb"}"#), "{said}");
-    // Each channel goes from black to white.
+    // Each channel ranges from black to white.
     let (_, found) = pixels(&out);
     for channel in 0..3 {
         let of_channel = || found.iter().filter(|pixel| pixel[3] > 0).map(|pixel| pixel[channel]);
@@ -287,12 +287,12 @@ fn colours_of_16_bits_are_stretched_and_others_told() {
         spinney(&[&["-q", "get", &file, &out], words].concat()).success();
         pixels(&out).1
     };
-    // By number, and of two layers the second is cyan.
+    // By number; of two layers, the second is cyan.
     assert_eq!(drawn(&["--layer", "2,1,0"]), found);
     let two = drawn(&["--layer", "2,1"]);
     assert!(two.iter().all(|pixel| pixel[1] == pixel[2]));
     assert!(two.iter().zip(&found).all(|(two, three)| two[3] == 0 || two[..2] == three[..2]));
-    // Seen as a view, or written and drawn in other ways.
+    // As a view, or written and drawn in other ways.
     assert_eq!(drawn(&["--layer", "B08", "--view", "composite=B08,B05,B04", "--style", "rgb"]), found);
     let legend = place.name("legend.json");
     spinney(&["legend", &file, &legend, "--layer", "B08,B05,B04"]).success();
@@ -354,7 +354,7 @@ fn tiles_of_layers_are_those_of_a_tree_with_their_channels() {
     assert!(found == files(&tree, "tree", &[]));
     let update = ["export", &stack, &place.name("t.pmtiles"), "--layer", "a,b", "--update", &tree];
     assert!(complaint(&update, 1).contains("several layers"));
-    // One type is wanted.
+    // All layers need the same type.
     let text = complaint(&["export", &stack, &place.name("t.pmtiles"), "--layer", "a,h"], 1);
     assert!(text.contains("`h` of f32") && text.contains("calc=b1,type=f32"), "{text}");
 }

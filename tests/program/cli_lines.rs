@@ -1,4 +1,4 @@
-//! Trees of lines, as people make and ask them.
+//! Trees of lines: building and queries on the command line.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -6,7 +6,8 @@ use std::path::Path;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
 
-/// Streets of a town as GeoJSON: a grid of straight ones and a ring of several pieces, in steps of a tenth.
+/// Writes the streets of a town as GeoJSON: a grid of straight ones and a ring of several lines,
+/// with coordinates in tenths.
 fn streets(folder: &Path) -> String {
     let mut features = Vec::new();
     for number in 0..20 {
@@ -53,7 +54,7 @@ fn lines_are_built_asked_and_written_again() {
     let text = stdout(&["info", &tree, "--levels"]);
     assert!(text.contains("quadtree of lines") && text.contains("level 0"), "{text}");
     assert_eq!(stdout(&["verify", &tree]), format!("{tree}: good\n"));
-    // All, and those of a window, whole.
+    // All features, and those of a window, complete.
     let all = at("all.geojson");
     stdout(&["get", &tree, "-o", &all]);
     let read = |path: &str| -> serde_json::Value {
@@ -75,9 +76,9 @@ fn lines_are_built_asked_and_written_again() {
     let text = fs::read_to_string(&part).unwrap();
     assert!(text.lines().count() == 2 && text.contains("ring") && !text.contains("lanes"), "{text}");
     assert_eq!(stdout(&["stats", &tree, "--window", "1,1,2,2"]), "features    0\n");
-    // (It touches the corner of two streets.)
+    // It touches the junction of two streets.
     assert_eq!(stdout(&["stats", &tree, "--window", "21,10.5,21,10.5"]), "features    2\n");
-    // Some features alone.
+    // A subset of features.
     let some = at("some.goblin");
     stdout(&["build", &input, "-o", &some, "--index", "lines", "--where", "lanes=1", "--attribute", "name"]);
     let info = stdout(&["info", &some]);
@@ -110,7 +111,8 @@ fn points_are_joined_to_the_nearest_lines() {
     for feature in features {
         let properties = &feature["properties"];
         let [x, y] = [0, 1].map(|axis| feature["geometry"]["coordinates"][axis].as_f64().unwrap());
-        // The nearest street by hand: streets lie at multiples of 10.5, even ones along y, odd ones along x.
+        // The expected nearest street: streets are at multiples of 10.5, even ones along y, odd
+        // ones along x.
         let squares = (0..20).map(|number| {
             let at = f64::from(number) * 10.5;
             let (across, along) = if number % 2 == 0 { (x - at, y) } else { (y - at, x) };
@@ -135,7 +137,7 @@ fn what_other_lines_cross_is_found() {
     let lines = ["(-5 5,50 5)", "(305 -5,305 0)", "(250 250,260 260)"];
     let rows: Vec<String> = lines.map(|line| format!("\"LINESTRING {line}\",river\n")).into();
     fs::write(&rivers, format!("wkt,name\n{}", rows.concat())).unwrap();
-    // (Even streets stand at x = 0, 21, 42, ...)
+    // Even streets are at x = 0, 21, 42, ...
     let told = stdout(&["stats", &tree, "--crossing", &rivers]);
     assert_eq!(told, "lines       3\nfeatures    4\ncrossings   4\n");
     let json = stdout(&["stats", &tree, "--crossing", &rivers, "--json"]);
@@ -153,7 +155,7 @@ fn what_other_lines_cross_is_found() {
     stdout(&["get", &tree, &crossed, "--crossing", &rivers, "--attribute", "name"]);
     let text = fs::read_to_string(&crossed).unwrap().replace('\r', "");
     assert!(text.lines().count() == 5 && text.contains("street 4\n") && !text.contains("street 6"), "{text}");
-    // Others than lines, and others than trees of lines.
+    // Geometries other than lines, and files other than trees of lines.
     let points = at("points.csv");
     fs::write(&points, "x,y\n1,2\n").unwrap();
     assert!(complaint_of(&["stats", &tree, "--crossing", &points]).contains("no line"));
@@ -164,13 +166,13 @@ fn what_other_lines_cross_is_found() {
     assert!(complaint_of(&["stats", &cells, "--crossing", &rivers]).contains("trees of lines"));
 }
 
-/// Longitude and latitude of a position in web mercator, by its formula.
+/// Returns longitude and latitude of a web mercator position, by its formula.
 fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
     let radius = 6_378_137.0;
     [(x / radius).to_degrees(), (y / radius).tanh().asin().to_degrees()]
 }
 
-/// Web mercator is a formula: what is given in degrees has the results of what is given in metres.
+/// Web mercator is a formula: inputs in degrees give the same results as inputs in metres.
 #[test]
 fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
     let folder = tempfile::tempdir().unwrap();
@@ -180,7 +182,7 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
     fs::write(&input, text).unwrap();
     let tree = at("l.goblin");
     stdout(&["build", &input, "-o", &tree, "--index", "lines"]);
-    // Positions: the distance and the nearest position are in the tree's system.
+    // Positions: the distance and the nearest position are in the tree's coordinate system.
     let [longitude, latitude] = degrees([305.0, 3.0]);
     let place = format!("{longitude},{latitude}");
     for system in ["lonlat", "EPSG:4326", "EPSG:4258"] {
@@ -194,7 +196,7 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
     assert_eq!(stdout(&["point", &tree, "305,3", "--in", "EPSG:3857"]), "1\t3\t305,0\t20\n");
     assert!(complaint_of(&["point", &tree, "305,3", "--in", "cells"]).contains("there are no cells"));
     assert!(complaint_of(&["point", &tree, "5,95", "--in", "lonlat"]).contains("point 1"));
-    // Points of a file: distances are those in metres, and the points stay in their own system.
+    // Points of a file: distances are in metres, and the points keep their own coordinate system.
     let places: Vec<[f64; 2]> =
         (0..30).map(|number| [f64::from(7 * number), f64::from(11 * number % 190)]).collect();
     let feature = |kind: &str, coordinates: String, crs: &str| {
@@ -234,7 +236,7 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
         assert!(own.0 < 1e-4 || own.1 == other.1, "{own:?} {other:?}");
         assert!((own.2 - places[number][0]).abs() < 1e-9 && (other.2 - in_degrees[number][0]).abs() < 1e-7);
     }
-    // Lines of a file: crossings are in the tree's system.
+    // Lines of a file: crossings are in the tree's coordinate system.
     let line = [[-5.0, 5.25], [50.0, 5.75]];
     fs::write(&metres, feature("LineString", format!("{line:?}"), crs)).unwrap();
     fs::write(&lonlat, feature("LineString", format!("{:?}", line.map(degrees)), "")).unwrap();
@@ -259,7 +261,7 @@ fn positions_and_features_in_other_systems_are_brought_to_the_tree() {
         fs::read_to_string(at("names.csv")).unwrap()
     };
     assert_eq!(names(&metres), names(&lonlat));
-    // A tree without a system.
+    // A tree without a coordinate system.
     let (table, plain) = (at("plain.csv"), at("plain.goblin"));
     fs::write(&table, "wkt\n\"LINESTRING (0 0,100 0)\"\n").unwrap();
     stdout(&["build", &table, "-o", &plain, "--index", "lines"]);
@@ -286,7 +288,7 @@ fn what_makes_no_sense_is_told() {
     assert!(complaint_of(&["get", &tree, &at("x.csv"), "--attribute", "height"]).contains("name, lanes"));
     assert!(complaint_of(&["render", &tree, &at("x.png")]).contains("a tree of lines"));
     assert!(complaint_of(&["stats", &tree, "--nearest", &input]).contains("no single point"));
-    // A damaged byte is told.
+    // A corrupt byte is reported.
     let mut bytes = fs::read(&tree).unwrap();
     bytes[30] ^= 1;
     fs::write(&tree, bytes).unwrap();

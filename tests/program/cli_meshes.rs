@@ -1,4 +1,4 @@
-//! `spinney build` of models, as people run it.
+//! `spinney build` of models, from the user's side.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ fn a_model_becomes_a_solid_and_comes_out_again() {
     assert_eq!(stats["cells"], 16 * 8 * 4);
     assert!(stdout(&["verify", text(&tree)]).contains("good"));
     assert_eq!(stdout(&["point", text(&tree), "3.9,1.9,0.9"]).trim(), "255");
-    // Out as a mesh and in again: the same cells.
+    // Exported as a mesh and imported again: the same cells.
     let (mesh, again) = (at("plate.ply"), at("again.goblin"));
     spinney(&["export", text(&tree), text(&mesh)]).success();
     spinney(&["build", text(&mesh), "-o", text(&again), "--grid", text(&tree)]).success();
@@ -55,7 +55,7 @@ fn what_a_format_has_no_room_for_is_told_once() {
         (&exact, "b.ply", "the part's name"),
         (&exact, "b.obj", "the unit of length mm"),
     ] {
-        // Also where reports are not wanted: it is no report, but a warning.
+        // Also with --quiet, since it is a warning.
         for quiet in [&[][..], &["--quiet"]] {
             let said = stderr(spinney(&[&["export", text(tree), text(&at(mesh))], quiet].concat()).success());
             let lines: Vec<&str> = said.lines().filter(|line| line.contains("has no room for")).collect();
@@ -65,7 +65,7 @@ fn what_a_format_has_no_room_for_is_told_once() {
             );
         }
     }
-    // CityJSON has the coordinate system, and coordinates in its unit.
+    // CityJSON stores the coordinate system, and coordinates in its unit.
     let city = at("b.city.json");
     let said = stderr(spinney(&["export", text(&exact), text(&city)]).success());
     assert!(!said.contains("unit of length"), "{said}");
@@ -112,7 +112,7 @@ fn cells_have_units_and_fit_together() {
     assert!(stderr(build(&["--shell", "--edge", "touch"]).failure()).contains("--edge"));
     let quadtree = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/classic.goblin");
     assert!(stderr(build(&["--grid", quadtree]).failure()).contains("an octree is needed"));
-    // The file of the one build that succeeded is still there, whole.
+    // The output of the one successful build is still complete.
     assert!(stdout(&["verify", text(&tree)]).contains("good"));
     let picture = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     let refused = spinney(&["build", picture, "-o", text(&tree), "--cells", "4"]).failure();
@@ -154,14 +154,14 @@ fn bad_models_are_told_and_leave_nothing() {
 #[test]
 #[cfg(target_os = "linux")]
 fn memory_stays_within_its_budget() {
-    /// The program itself, threads' stacks and the allocator's leftovers.
+    /// Allowance in bytes for the program, thread stacks and allocator overhead.
     const ALLOWANCE: u64 = 32 << 20;
     let folder = tempfile::tempdir().unwrap();
-    // A ball of 1.2 million triangles, 60 MB, that need 60 MB in memory.
+    // A ball of 1.2 million triangles, a file of 60 MB that needs 60 MB in memory.
     let steps = 774u32;
     let point = |i: u32, j: u32| {
         let angle = |step: u32| f64::from(step) * std::f64::consts::PI / f64::from(steps);
-        // Poles are one point, and the last meridian is the first.
+        // Each pole is one point, and the last meridian is the first.
         let radius = if i.is_multiple_of(steps) { 0.0 } else { angle(i).sin() };
         let (x, y) = (angle(2 * (j % steps)).cos(), angle(2 * (j % steps)).sin());
         [radius * x, radius * y, angle(i).cos()].map(|number| (number * 100.0) as f32)

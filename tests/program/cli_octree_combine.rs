@@ -1,4 +1,4 @@
-//! `spinney combine` on octrees that lie anywhere in one grid, against arrays of cells.
+//! `spinney combine` on octrees at any offset in one grid, against arrays of cells.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,14 +10,14 @@ use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::octree::{frame, open, read, write};
 use crate::common::{Cells, OCT, QUAD, as_byte, assert_same, byte, made, oct, write_goblin};
 
-/// An array, and the cell of the grid that its first cell is.
+/// An array, and its first cell in the grid.
 struct Placed {
     cells: Cells,
     at: [i64; 3],
 }
 
 impl Placed {
-    /// The value at a cell of the grid.
+    /// Returns the value at a cell of the grid.
     fn get(&self, cell: [i64; 3]) -> Cell {
         self.cells.at(std::array::from_fn(|axis| cell[axis] - self.at[axis]))
     }
@@ -27,14 +27,14 @@ impl Placed {
     }
 }
 
-/// The box around several: its first cell and size.
+/// Returns the bounding box of several arrays: its first cell and size.
 fn around(all: &[&Placed]) -> ([i64; 3], [u64; 3]) {
     let low = std::array::from_fn(|axis| all.iter().map(|one| one.at[axis]).min().unwrap());
     let high = |axis: usize| all.iter().map(|one| one.end(axis)).max().unwrap();
     (low, std::array::from_fn(|axis| (high(axis) - low[axis]) as u64))
 }
 
-/// What a rule for two cells makes of two arrays.
+/// Combines two arrays cell by cell.
 fn joined(a: &Placed, b: &Placed, rule: impl Fn(Cell, Cell) -> Cell) -> Cells {
     let (low, size) = around(&[a, b]);
     made(OCT, size, |cell| {
@@ -52,11 +52,12 @@ struct Setting {
 }
 
 impl Setting {
-    /// Two octrees, each of which sticks out of the other, in `a.goblin` and `b.goblin`.
+    /// Returns two octrees, each partially outside of the other, in `a.goblin` and `b.goblin`.
     fn new() -> Setting {
         let a = Placed { cells: Cells::random(OCT, 31, [13, 9, 11], 6, true), at: [0; 3] };
         let b = Placed { cells: Cells::random(OCT, 33, [10, 12, 8], 6, true), at: [5, -2, 4] };
-        // Both, one, the other and neither; the same value and others: else there is little to see.
+        // The data have cells in both, in either one and in none, with equal values and different
+        // ones.
         let kinds = joined(&a, &b, |a, b| {
             Some(byte(match (a, b) {
                 (Some(a), Some(b)) => u8::from(a == b),
@@ -83,7 +84,7 @@ impl Setting {
         self.path(name).to_str().unwrap().to_string()
     }
 
-    /// The cells of what the program makes of files.
+    /// Returns the cells of the combined files.
     fn combine(&self, operation: &str, files: &[&str], more: &[&str]) -> Cells {
         let names: Vec<String> = files.iter().map(|file| self.name(file)).collect();
         let out = self.name("out.goblin");
@@ -108,7 +109,7 @@ impl Setting {
     }
 }
 
-/// What an operation makes of two cells.
+/// An operation on two cells.
 type Join = fn(Cell, Cell) -> Cell;
 
 fn number(a: Cell, b: Cell, join: fn(u8, u8) -> u8) -> Cell {
@@ -124,7 +125,7 @@ const OPERATIONS: [(&str, &[&str], Join); 26] = [
     ("b-a", &[], |a, b| b.filter(|_| a.is_none())),
     ("xor", &[], Option::xor),
     ("a", &[], |a, _| a),
-    // Where both are, the value is the first's unless said otherwise, also here.
+    // If both have a value, the first one's counts by default, also here.
     ("b", &[], |a, b| a.or(b).filter(|_| b.is_some())),
     ("b", &["--values", "b"], |_, b| b),
     ("none", &[], |_, _| None),
@@ -165,7 +166,7 @@ fn octrees_side_by_side() {
 #[test]
 fn octrees_that_are_turned_or_coarse() {
     let setting = Setting::new();
-    // However its cells are arranged, it lies where it lay.
+    // Its world position does not depend on the order of its cells.
     for step in ["rotate=90,x", "rotate=90,y", "axes=-z,+x,-y", "mirror=z"] {
         setting.transform("b.goblin", &[step], "turned.goblin");
         let [(_, _, union), (_, _, subtract)] = [OPERATIONS[0], OPERATIONS[21]];
@@ -174,7 +175,8 @@ fn octrees_that_are_turned_or_coarse() {
             assert_same(&found, &joined(&setting.a, &setting.b, join), &format!("{operation}, {step}"));
         }
     }
-    // Cells twice as large count as blocks of 2 x 2 x 2. (Where they come first, the result has these, and of the others their means.)
+    // Cells twice as large count as blocks of 2 x 2 x 2. If they come first, the result has their
+    // size, and the others' means.
     let small = Cells::noise(OCT, 34, [4, 7, 3], 50);
     let coarse = frame().shifted([-2.0, 3.0, 6.0]).coarser(1);
     let path = setting.path("coarse.goblin");
@@ -190,7 +192,7 @@ fn octrees_that_are_turned_or_coarse() {
 #[test]
 fn cut_in_pieces_and_put_together() {
     let setting = Setting::new();
-    // Cut along every axis, off the borders of nodes; the last piece lies on top of others.
+    // Split along every axis, not aligned to nodes; the last box overlaps others.
     for (name, window) in [
         ("1.goblin", "window=0,0,0,13,9,5"),
         ("2.goblin", "window=0,0,5,6,9,6"),
@@ -203,7 +205,7 @@ fn cut_in_pieces_and_put_together() {
     for operation in ["union", "over"] {
         assert_same(&setting.combine(operation, &pieces, &[]), &setting.a.cells, operation);
     }
-    // What is nowhere is nowhere; what one of them has not is in no minimum.
+    // VOID in all operands stays VOID; a minimum ignores VOID.
     let parts: Vec<Placed> = [([5, 3, 4], [8, 6, 7]), ([6, 0, 5], [7, 4, 6])]
         .map(|(at, size): ([i64; 3], [u64; 3])| {
             let cells =
@@ -222,7 +224,7 @@ fn the_complement_of_one_octree() {
     let expected =
         made(OCT, setting.a.cells.size, |cell| setting.a.cells.get(cell).map_or(Some(byte(255)), |_| None));
     assert_same(&setting.combine("not", &["a.goblin"], &[]), &expected, "not");
-    // The ball of the fixtures has all symmetries of the cube about its middle.
+    // The ball of the fixtures has all symmetries of the cube about its centre.
     let ball = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
     std::fs::copy(ball, setting.path("ball.goblin")).unwrap();
     let whole = read(&setting.path("ball.goblin"));
@@ -234,7 +236,7 @@ fn the_complement_of_one_octree() {
     setting.transform("ball.goblin", &["translate=3,0,-5", "--move"], "moved.goblin");
     let left = setting.combine("difference", &["ball.goblin", "moved.goblin"], &[]);
     let [ball, moved] = [[0; 3], [3, 0, -5]].map(|at| Placed { cells: whole.clone(), at });
-    // What moves before the first cell is not seen, with all of its room.
+    // Cells moved before the first cell are cut off, with their space.
     let expected = joined(&ball, &moved, |a, b| a.filter(|_| b.is_none()));
     let beyond = |cell: [u64; 3]| [cell[0], cell[1], cell[2] + 5];
     let expected = made(OCT, [35, 32, 32], |cell| expected.get(beyond(cell)));
@@ -297,7 +299,7 @@ fn octrees_that_do_not_match() {
     says(&["combine", "nor", &a, &b, "--fill", "300", "-o", &out], &["fill value", "300", "u8"]);
     says(&["combine", "xor", &a, &b, &b, "-o", &out], &["two", "3"]);
     says(&["combine", "subtract", &a, &setting.name("none.goblin"), "-o", &out], &["none.goblin"]);
-    // Of other types, and parts of cells apart in z alone: both are brought to the first.
+    // Other types, and offsets by a fraction of a cell only in z: both are converted to the first.
     let odd = setting.name("odd.goblin");
     let apart = frame().shifted([0.0, 0.0, 0.5]);
     write_goblin(Path::new(&odd), &setting.b.cells, of_mean, apart);
@@ -327,7 +329,8 @@ fn octrees_that_do_not_match() {
 fn complements_have_a_universe() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    // A full box in a root of 16 cells along each axis, each half a metre wide, from 100,200,300 on.
+    // A full box in a root of 16 cells along each axis, each half a metre wide, starting at
+    // 100,200,300.
     let full = made(OCT, [16, 8, 4], |_| Some(byte(255)));
     let frame =
         Frame { matrix: [[0.5, 0.0, 0.0, 100.0], [0.0, 0.5, 0.0, 200.0], [0.0, 0.0, 0.5, 300.0]], ..frame() };
@@ -359,7 +362,7 @@ fn complements_have_a_universe() {
     let inside = |cell: [u64; 3]| (0..3).all(|axis| (2..2 + full.size[axis]).contains(&cell[axis]));
     let expected = made(OCT, [20, 12, 8], |cell| if inside(cell) { None } else { Some(byte(255)) });
     assert_same(&found, &expected, "a margin");
-    // A box of the world, partly beyond the tree and partly within it: 8 x 4 x 8 cells, 4 x 4 x 4 of them full.
+    // A world box partly beyond the tree: 8 x 4 x 8 cells, 4 x 4 x 4 of them full.
     let (said, cells, ..) = complement(&["--within", "98,201,298,102,203,302"]);
     assert!(said.contains("8 x 4 x 8 cells from 0,2,0"), "{said}");
     assert_eq!(cells, 8 * 4 * 8 - 4 * 4 * 4);

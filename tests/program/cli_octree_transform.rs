@@ -10,13 +10,14 @@ use crate::common::command::{spinney, stderr, stdout};
 use crate::common::octree::{frame, open, read, write};
 use crate::common::{Cells, OCT, as_byte, assert_same, byte, made};
 
-/// No side is like another.
+/// All sides differ.
 const SIZE: [u64; 3] = [13, 9, 11];
 
-/// What a chain of steps does to an array.
+/// A sequence of operations on an array.
 type Model = fn(&Cells) -> Cells;
 
-/// Octrees to work on: all detail, large leaves beside detail, and the same with VOID around it.
+/// Returns input octrees: uncorrelated cells, large leaves next to detail, and the same with a VOID
+/// margin.
 fn inputs(folder: &TempDir) -> Vec<(String, Cells)> {
     let patches = Cells::random(OCT, 5, SIZE, 200, true);
     let inside = |cell: u64, axis: usize| cell > axis as u64 && cell + 3 < SIZE[axis];
@@ -35,7 +36,7 @@ fn window(cells: &Cells, min: [i64; 3], size: [u64; 3]) -> Cells {
     made(OCT, size, |cell| cells.at(std::array::from_fn(|axis| cell[axis] as i64 + min[axis])))
 }
 
-/// Each cell of the result comes from a cell of the source.
+/// Returns a result in which each cell comes from a source cell.
 fn arranged(
     cells: &Cells,
     size: impl Fn([u64; 3]) -> [u64; 3],
@@ -44,7 +45,7 @@ fn arranged(
     made(OCT, size(cells.size), |cell| cells.get(from(cell, cells.size)))
 }
 
-/// By the mean of what there is in blocks of 2 x 2 x 2 cells.
+/// Returns the means of the existing cells in blocks of 2 x 2 x 2.
 fn halved(cells: &Cells) -> Cells {
     made(OCT, cells.size.map(|cells| cells.div_ceil(2)), |[x, y, z]| {
         let block =
@@ -55,7 +56,7 @@ fn halved(cells: &Cells) -> Cells {
     })
 }
 
-/// The smallest box around all that is there.
+/// Returns the bounding box of all existing cells.
 fn cropped(cells: &Cells) -> Cells {
     let (mut low, mut high) = ([u64::MAX; 3], [0; 3]);
     let size = cells.size;
@@ -68,7 +69,8 @@ fn cropped(cells: &Cells) -> Cells {
     window(cells, low.map(|cell| cell as i64), std::array::from_fn(|axis| high[axis] - low[axis]))
 }
 
-/// Turned by the right-hand rule about a direction through a centre (the middle), by the formula of Rodrigues.
+/// Returns cells rotated by the right-hand rule about a direction through a centre (by default the
+/// middle), by the formula of Rodrigues.
 fn turned(cells: &Cells, degrees: f64, along: [f64; 3], centre: Option<[f64; 3]>) -> Cells {
     let centre = centre.unwrap_or(cells.size.map(|cells| cells as f64 / 2.0));
     let length = along.iter().map(|number| number * number).sum::<f64>().sqrt();
@@ -95,7 +97,7 @@ fn turned(cells: &Cells, degrees: f64, along: [f64; 3], centre: Option<[f64; 3]>
     let size = std::array::from_fn(|axis| ((high[axis] - 1e-6).ceil() - low[axis]) as u64);
     made(OCT, size, |cell| {
         let from = turn(std::array::from_fn(|axis| cell[axis] as f64 + 0.5 + low[axis]), -degrees);
-        // On the border of two cells rounding errors decide, so that there is nothing to test.
+        // On the border of two cells rounding decides, so that the result is not determined.
         assert!(
             from.iter().all(|number| (number - number.round()).abs() > 1e-9),
             "{cell:?} comes from {from:?}"
@@ -127,7 +129,7 @@ const CHAINS: [(&[&str], Model); 35] = [
         arranged(c, |[w, h, d]| [d, w, h], |[x, y, z], [w, h, _]| [w - 1 - y, h - 1 - z, x])
     }),
     (&["axes=-y,+x"], |c| arranged(c, |[w, h, d]| [h, w, d], |[x, y, z], [_, h, _]| [y, h - 1 - x, z])),
-    // x from y, y from z going down, z from x; where to does not matter.
+    // x from y, y from z reversed, z from x; the translation does not matter.
     (&["affine=0,1,0,0,0,0,-1,20,1,0,0,0"], |c| {
         arranged(c, |[w, h, d]| [h, d, w], |[x, y, z], [_, _, d]| [z, x, d - 1 - y])
     }),
@@ -155,7 +157,7 @@ const CHAINS: [(&[&str], Model); 35] = [
         turned(&window(&scaled, [5, 4, 3], [12, 11, 10]), 71.0, [2.0, -1.0, 3.0], None)
     }),
     (&["transpose", "translate=1,0,4", "rotate=90,y", "mirror=x"], |c| {
-        // Turned about y and mirrored in x: x and z change places, and only the new z goes down.
+        // Rotated about y and mirrored in x: x and z are swapped, and only the new z is reversed.
         let moved =
             window(&arranged(c, |[w, h, d]| [h, w, d], |[x, y, z], _| [y, x, z]), [-1, 0, -4], [10, 13, 15]);
         arranged(&moved, |[w, h, d]| [d, h, w], |[x, y, z], [w, _, d]| [w - 1 - z, y, d - 1 - x])
@@ -197,7 +199,7 @@ fn the_value_at_the_centre() {
         out.to_str().unwrap(),
     ])
     .success();
-    // Sides of 13 and 11 cells do not divide: the last cells' centres are beyond the end, or not.
+    // Sides of 13 and 11 cells are not divisible: the last cells' centres may be beyond the end.
     let expected = made(OCT, [7, 9, 3], |[x, y, z]| cells.get([2 * x + 1, y, 4 * z + 2]));
     assert_same(&read(&out), &expected, "nearest");
 }
@@ -206,7 +208,7 @@ fn the_value_at_the_centre() {
 fn slices_of_views() {
     let folder = tempfile::tempdir().unwrap();
     let (file, cells) = inputs(&folder).swap_remove(1);
-    // Every third chain, of all kinds.
+    // Every third sequence, of all kinds.
     for (steps, model) in CHAINS.iter().skip(1).step_by(3) {
         let expected = model(&cells);
         let [width, height, depth] = expected.size;
@@ -234,7 +236,8 @@ fn slices_of_views() {
     }
 }
 
-/// Answers of `spinney point` to the centres of all cells of a box, given in the world of [`frame`].
+/// Returns the output of `spinney point` for all cell centres of a box, in world coordinates of
+/// [`frame`].
 fn at_centres(file: &str, more: &[&str], size: [u64; 3]) -> Vec<String> {
     let point = |number: u64| {
         let cell = [number % size[0], number / size[0] % size[1], number / size[0] / size[1]];
@@ -246,7 +249,7 @@ fn at_centres(file: &str, more: &[&str], size: [u64; 3]) -> Vec<String> {
     arguments.extend(more);
     arguments.push("--");
     arguments.extend(points.iter().map(String::as_str));
-    // (Where nothing is does not tell where the tree ends.)
+    // The model does not distinguish VOID from outside of the tree.
     stdout(&arguments).lines().map(|line| line.replace("outside", "void")).collect()
 }
 
@@ -267,7 +270,7 @@ fn octrees_stay_in_the_world_or_move() {
         spinney(&["-q", "transform", &file, step, "-o", out]).success();
         assert_eq!(at_centres(out, &[], SIZE), expected, "{step}, in a file");
     }
-    // Moved with its cells, also out of what the file's own cells are.
+    // Moved with its cells, also beyond the file's own extent.
     let moved = |step: &str, from: &dyn Fn([i64; 3]) -> [i64; 3]| {
         spinney(&["-q", "transform", "--move", &file, step, "-o", out]).success();
         let expected = made(OCT, SIZE, |cell| cells.at(from(cell.map(|cell| cell as i64))));
@@ -277,7 +280,7 @@ fn octrees_stay_in_the_world_or_move() {
     moved("translate=3,2,5", &|[x, y, z]| [x - 3, y - 2, z - 5]);
     moved("mirror=z", &|[x, y, z]| [x, y, -1 - z]);
     moved("affine=1,0,0,0,0,1,0,0,0,0,-1,11", &|[x, y, z]| [x, y, 10 - z]);
-    // About the middle of 9 x 11 cells: y to z, so that the new y counts down from what was z.
+    // About the centre of 9 x 11 cells: y to z, so that the new y is the reversed z.
     moved("rotate=90,x@0,4,5", &|[x, y, z]| [x, z - 5 + 4, 4 - y + 5 - 1]);
     moved("scale=2", &|cell| cell.map(|cell| cell / 2));
 }
@@ -320,7 +323,7 @@ fn octrees_and_steps_that_do_not_fit() {
     let other = format!("{}/./noise.goblin", folder.path().display());
     says(&["transform", &file, "mirror=z", "-o", &other], 1, &["input and the output"]);
     says(&["get", &file, &other, "--format", "raw", "--view", "mirror=z"], 1, &["input and the output"]);
-    // Damaged in the middle: told, and nothing made.
+    // Corrupt in the middle: reported, and nothing is written.
     let mut damaged = before.clone();
     damaged.truncate(before.len() / 2);
     std::fs::write(path("damaged.goblin"), damaged).unwrap();

@@ -1,4 +1,4 @@
-//! `spinney transform` and `spinney combine`, and questions through views.
+//! `spinney transform` and `spinney combine`, and queries through views.
 
 use std::path::{Path, PathBuf};
 
@@ -8,7 +8,7 @@ use tempfile::TempDir;
 
 use crate::common::command::{complaint, spinney, stderr, stdout};
 
-/// The island's classes, and a folder to work in.
+/// Returns the island's classes, and a directory to work in.
 fn island() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("island.goblin");
@@ -22,7 +22,7 @@ fn cells(file: &Path) -> u64 {
     tree.statistics(None, &()).unwrap().cells
 }
 
-/// All values of a picture, by way of raw samples.
+/// Returns all values of a raster, exported as raw samples.
 fn raw(file: &str, more: &[&str]) -> Vec<u8> {
     let mut arguments = vec!["get", file, "-", "--format", "raw", "--nodata", "0"];
     arguments.extend(more);
@@ -60,7 +60,7 @@ fn a_view_and_the_file_made_of_it_say_the_same() {
     }
     let point = stdout(&["point", file, "--view", "rotate=40", "305000,3196000"]);
     assert_eq!(point, stdout(&["point", file, "305000,3196000"]), "it stays where it is in the world");
-    // What a step reads is not written over.
+    // Inputs of an operation are not overwritten.
     let step = format!("calc=b1-a,a={}", out.display());
     let refused = complaint(&["transform", file, &step, "-o", out.to_str().unwrap()], 1);
     assert!(refused.contains("out.goblin"), "{refused}");
@@ -135,7 +135,7 @@ fn refusals() {
         says(&["transform", &a, step, "-o", &out], 1, &["got", "expected"]);
     }
     says(&["transform", &path("none.goblin"), "-o", &out], 1, &["none.goblin", "cannot open"]);
-    // Trees with nothing in common, as in two coordinate systems.
+    // Disjoint trees, as in two coordinate systems.
     let far = path("far.goblin");
     let classes = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
     spinney(&["-q", "build", classes, "--transform", "10,0,9e7,0,-10,9e7", "-o", &far]).success();

@@ -1,4 +1,5 @@
-//! Effects of the options of all commands: the lines of `option_effects.txt`, each run with its option and without.
+//! Effects of the options of all commands: the lines of `option_effects.txt`, each run with its
+//! option and without.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fs;
@@ -11,10 +12,10 @@ use std::thread;
 
 const TABLE: &str = include_str!("option_effects.txt");
 
-/// Files by their names.
+/// Files by name.
 type Files = BTreeMap<PathBuf, Vec<u8>>;
 
-/// The words of a command, as a shell splits them.
+/// Returns the words of a command, as a shell splits them.
 fn words(text: &str) -> Vec<String> {
     let (mut words, mut word, mut quote) = (Vec::new(), String::new(), None);
     for letter in text.chars() {
@@ -29,7 +30,7 @@ fn words(text: &str) -> Vec<String> {
     words
 }
 
-/// The bytes that a text with `\n` and `\xNN` is.
+/// Returns the bytes of a string with `\n` and `\xNN`.
 fn unescaped(text: &str) -> Vec<u8> {
     let (mut bytes, mut rest) = (Vec::new(), text.as_bytes());
     while let [first, tail @ ..] = rest {
@@ -47,13 +48,13 @@ fn unescaped(text: &str) -> Vec<u8> {
     bytes
 }
 
-/// The numbers of a linear congruential generator.
+/// Returns the next number of a linear congruential generator.
 fn random(state: &mut u64) -> u64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
     *state >> 40
 }
 
-/// Adds all files of a directory and of those in it, by their relative paths.
+/// Adds all files of a directory, recursively, by their relative paths.
 fn read_all(directory: &Path, prefix: &Path, files: &mut Files) {
     for entry in fs::read_dir(directory).unwrap() {
         let entry = entry.unwrap();
@@ -64,26 +65,27 @@ fn read_all(directory: &Path, prefix: &Path, files: &mut Files) {
         }
         let mut bytes = fs::read(entry.path()).unwrap();
         if name.extension().is_some_and(|extension| extension == "autumn") {
-            // Who edits a file leaves a note in it (formats.md), which differs each time.
+            // Editors leave a note in the file (formats.md), which differs each time.
             bytes[2048..2304].fill(0);
         }
         files.insert(name, bytes);
     }
 }
 
-/// Result of a run: all that may differ by an option.
+/// The result of a run: everything that an option may change.
 #[derive(PartialEq)]
 struct Outcome {
     succeeded: bool,
     stdout: Vec<u8>,
     stderr: String,
-    /// Files that are new or other than before; without bytes those that are gone.
+    /// Files that are new or changed, and, without bytes, those that were removed.
     files: Files,
-    /// Bytes written to files, also to those that have no name; nothing where the system has no count.
+    /// Bytes written to files, including unnamed ones; `None` if the system does not count them.
     written: Option<u64>,
 }
 
-/// Waits for a process and returns how many bytes it has written: the system has the count until the process is waited for.
+/// Waits for a process and returns how many bytes it has written. The system keeps the count until
+/// the process is waited for.
 fn written(process: u32) -> Option<u64> {
     while cfg!(target_os = "linux") {
         let state = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
@@ -96,7 +98,7 @@ fn written(process: u32) -> Option<u64> {
     None
 }
 
-/// A run of the program in a directory.
+/// Runs the program in a directory.
 fn run(directory: &Path, arguments: &[String]) -> (std::process::ExitStatus, Vec<u8>, String, Option<u64>) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_spinney"));
     for variable in ["SOURCE_DATE_EPOCH", "SPINNEY_AUTHOR", "SPINNEY_REMOTE_TIMEOUT", "SPINNEY_SIGNED_URLS"] {
@@ -123,7 +125,7 @@ struct Row {
 }
 
 impl Row {
-    /// The words with the option in brackets, or without.
+    /// Returns the words with the option in brackets, or without.
     fn words(&self, with: bool) -> Vec<String> {
         let (before, rest) = self.command.split_once("[--").expect("an option in brackets");
         let (option, after) = rest.split_once(']').unwrap();
@@ -134,7 +136,7 @@ impl Row {
     }
 }
 
-/// The inputs of the table's lines, made in a directory, and the lines.
+/// Creates the inputs of the table's lines in a directory. Returns the lines.
 fn prepared(directory: &Path) -> Vec<Row> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let fixtures =
@@ -210,7 +212,7 @@ impl Runner {
         outcome
     }
 
-    /// Whether a line is true; else why not.
+    /// Checks a line. Returns why it is false, if it is.
     fn check(&self, row: &Row) -> Result<(), String> {
         if row.effect == "test" {
             let (file, name) = row.what.split_once(' ').ok_or("a file and a test")?;
@@ -232,7 +234,7 @@ impl Runner {
         };
         let both = with.succeeded && without.succeeded;
         let same = with.files == without.files && with.stdout == without.stdout;
-        // (The number before a word, as in `3 threads`.)
+        // The number before a word, as in `3 threads`.
         let counter = |outcome: &Outcome| {
             let (before, _) = outcome.stderr.split_once(&format!(" {}", row.what))?;
             before.rsplit(|letter: char| !letter.is_ascii_digit()).next()?.parse::<u64>().ok()

@@ -1,4 +1,4 @@
-//! Set operations of polygons by the program: what it says, conditions, regions, and what it refuses.
+//! Set operations on polygons with the program: messages, conditions, regions, and errors.
 
 use crate::common::command::{spinney, stderr};
 

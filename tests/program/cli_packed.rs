@@ -1,4 +1,4 @@
-//! `--codec` and `--cache-memory`: packed files by the program.
+//! `--codec` and `--cache-memory`: packed files with the program.
 
 use serde_json::Value as Json;
 use spinney::{DataKind, Rule};
@@ -10,7 +10,7 @@ fn as_json(arguments: &[&str]) -> Json {
     serde_json::from_str(&stdout(arguments)).unwrap()
 }
 
-/// A folder for files.
+/// A directory for files.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -53,7 +53,7 @@ fn files_are_packed_and_unpacked() {
         info.contains("codec       plain\nsegments    level 0: 1, ") && !info.contains("unpacked"),
         "{info}"
     );
-    // Answers are the same, whatever is kept.
+    // Results do not depend on the cache size.
     let expected = stdout(&["stats", &from, "--json"]);
     for room in ["1", "64M"] {
         assert_eq!(stdout(&["stats", &packed, "--json", "--cache-memory", room]), expected);
@@ -63,7 +63,7 @@ fn files_are_packed_and_unpacked() {
 const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_classes.tif");
 const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
 
-/// The codec of each of a file's layers.
+/// Returns the codec of each of a file's layers.
 fn codecs(file: &str) -> Vec<Json> {
     let info = as_json(&["info", file, "--json"]);
     match info["layers"].as_array() {
@@ -96,7 +96,7 @@ fn every_door_packs() {
         assert_eq!(codecs(file), ["packed"], "{file}");
         spinney(&["verify", file]).success();
     }
-    // Layers stay as they are, and the one that is added is as it is asked for.
+    // Existing layers keep their codec, and the added one has the requested codec.
     spinney(&["edit", &stack, "add-layer", &map, "plain"]).success();
     run(&["edit", &stack, "add-layer", &map, "packed"]);
     assert_eq!(codecs(&stack), ["packed", "plain", "packed"]);
@@ -104,7 +104,7 @@ fn every_door_packs() {
     assert_eq!(text.matches(", packed, ").count(), 2, "{text}");
 }
 
-/// All pictures below a folder, by their paths there.
+/// Collects all images below a directory, by relative path.
 fn pictures(folder: &std::path::Path, found: &mut Vec<(String, Vec<u8>)>, from: &str) {
     for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap()) {
         let name = format!("{from}/{}", entry.file_name().to_str().unwrap());
@@ -120,7 +120,7 @@ fn pictures(folder: &std::path::Path, found: &mut Vec<(String, Vec<u8>)>, from: 
 fn exports_are_those_of_plain_files() {
     let place = Place::new();
     let [plain, packed] = ["plain.goblin", "packed.goblin"].map(|name| place.name(name));
-    // (Tiles are those of the world, of which all cells as a picture or as polygons take long.)
+    // Tiles are those of the world, whose cells take long to export as an image or as polygons.
     let [plain_world, packed_world] =
         ["plain_world.goblin", "packed_world.goblin"].map(|name| place.name(name));
     spinney(&["build", CLASSES, "-o", &plain]).success();
@@ -168,7 +168,8 @@ fn history_is_packed() {
     }
 }
 
-/// Exact models are packed when they are built and combined, take fewer bytes, and say the same.
+/// Exact models are packed when they are built and combined, take fewer bytes, and return the same
+/// results.
 #[test]
 fn exact_models_are_packed() {
     const CHAPEL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/chapel.goblin");

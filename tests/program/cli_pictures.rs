@@ -1,4 +1,4 @@
-//! Pictures for the eye, of values that pictures cannot hold.
+//! Rendered images of values that image formats cannot store.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use spinney::{DataKind, Metadata, Output, Region, Rule, SampleType, Value, Value
 use crate::common::command::{command, complaint, stderr};
 use crate::common::{Cells, goblin_bytes, made, oct, quad, value_types};
 
-/// The samples of a picture.
+/// Returns the samples of an image.
 fn samples(path: &str) -> Vec<u8> {
     let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
     let mut pixels = Pixels::default();
@@ -18,7 +18,7 @@ fn samples(path: &str) -> Vec<u8> {
     pixels.bytes
 }
 
-/// Heights from -1000 on, half a metre from cell to cell.
+/// Returns heights from -1000 on, with half a metre from cell to cell.
 fn heights() -> Cells {
     made(quad(SampleType::F32, 1), [4, 2, 1], |[x, y, _]| {
         let height = -1000.0 + 0.5 * (x + 4 * y) as f32;
@@ -71,14 +71,14 @@ fn numbers_are_stretched_from_black_to_white() {
     let said = stderr(command(&["get", &tree, &out]).assert().success());
     assert!(said.contains("viridis") && said.contains("--range"), "{said}");
     assert_eq!(get(&["-q"]).0, "");
-    // What is not finite is black or white, and does not count.
+    // Non-finite values are black or white, and do not count.
     let cells = made(quad(SampleType::F64, 1), [2, 2, 1], |[x, y, _]| {
         let number = [[f64::NEG_INFINITY, 1.0], [2.0, f64::INFINITY]][y as usize][x as usize];
         Some(Value::from(number.to_le_bytes()))
     });
     std::fs::write(&tree, goblin_bytes(&cells, Rule::Nearest, DataKind::Continuous)).unwrap();
     assert_eq!(get(&["--range", "1,2"]).1, [0, 0, 255, 255]);
-    // Values of eight bits can be stretched, too.
+    // 8-bit values can be stretched, too.
     let cells = made(quad(SampleType::U8, 1), [2, 1, 1], |[x, _, _]| Some(Value::from([10 + x as u8])));
     std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
     assert_eq!(get(&[]), (String::new(), vec![10, 11]));
@@ -145,7 +145,7 @@ fn names_of_classes_have_no_sidecar_beside_standard_output() {
     std::fs::write(&path, &run.get_output().stdout).unwrap();
     let info = raster::open(&path, &Default::default()).unwrap().info().clone();
     assert!(info.class_names.contains(&(4.into(), "forest".into())));
-    // Beside a file they have one.
+    // A sidecar file has one.
     command(&["-q", "get", classes, path.to_str().unwrap()]).assert().success();
     assert!(folder.path().join("out.tif.aux.xml").exists());
     let beside = raster::open(&path, &Default::default()).unwrap().info().clone();
@@ -156,7 +156,7 @@ fn names_of_classes_have_no_sidecar_beside_standard_output() {
 fn nodata_of_one_band_counts_nowhere() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
-    // Red is nodata in half of the pixels.
+    // Half of the pixels have nodata in red.
     let pixels: Vec<u8> =
         (0..64 * 64).flat_map(|i| [if i % 2 == 0 { 0 } else { 100 }, 50, 1 + (i % 64) as u8]).collect();
     let metadata = Metadata { nodata: Some(0.0.into()), ..Metadata::default() };
@@ -185,7 +185,7 @@ fn nodata_of_one_band_counts_nowhere() {
         let point = command(&["point", &tree, "--in", "cells", "0,0", "--level", "0"]).assert().success();
         assert_eq!(String::from_utf8_lossy(&point.get_output().stdout).trim(), "100,50,33");
         if tree.ends_with("autumn") {
-            // Edits keep what is known of whole nodes right.
+            // Edits keep the metadata of whole nodes right.
             command(&["-q", "edit", &tree, "fill", "--window", "0,0,2,1", "--value", "0,7,9"])
                 .assert()
                 .success();
@@ -245,8 +245,8 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let (tree, out) = (name("t.goblin"), name("x.raw"));
     std::fs::write(&tree, goblin_bytes(&cells, Rule::Mean, DataKind::Continuous)).unwrap();
-    // So far a pixel is off from the mean of its area, on average. (The differences are 2000 at most.) It is not where each pixel has a
-    // whole number of cells of the level.
+    // The mean deviation of a pixel from its area's mean; differences are at most 2000. It is 0 if
+    // each pixel has an integer number of the level's cells.
     let error = |width: u64, height_: u64, exact: &[&str]| {
         let size = format!("{width}x{height_}");
         command(&["get", "-q", &tree, &out, "--size", &size]).args(exact).assert().success();
@@ -287,7 +287,7 @@ fn pictures_of_any_size_are_averages_of_what_they_cover() {
     }
 }
 
-/// A gray image of each format that is decoded as a whole, besides the PNG that it was.
+/// Writes a gray image in each format that is decoded as a whole, in addition to PNG.
 fn in_all_formats(folder: &Path) -> Vec<String> {
     let gray = image::GrayImage::from_fn(40, 30, |x, y| image::Luma([(x * 5 + y) as u8]));
     let gray = image::DynamicImage::from(gray);
@@ -313,14 +313,14 @@ fn images_that_are_decoded_as_a_whole() {
         command(&["-q", "build", &file, "-o", &tree]).assert().success().stderr("");
         command(&["-q", "get", &tree, &out]).assert().success();
         assert!(samples(&out) == samples(&file), "{file}");
-        // No tree, and no name for one.
+        // Neither a tree nor a name of one.
         assert!(complaint(&["info", &file], 1).contains("spinney build"), "{file}");
         assert!(complaint(&["build", &file, "-o", &name("t.bmp")], 1).contains("t.goblin"));
         if !file.ends_with(".webp") {
             assert!(complaint(&["get", &tree, &file], 1).contains("unknown format"), "{file}");
         }
     }
-    // Mosaics of several formats, on a grid by their world files.
+    // Mosaics of several formats, georeferenced by world files.
     for (number, file) in ["a.bmp", "a.ppm", "a.qoi"].iter().enumerate() {
         let world = format!("1\n0\n0\n-1\n{}.5\n99.5\n", 40 * number);
         std::fs::write(folder.path().join(file).with_extension(["bpw", "pmw", "qoiw"][number]), world)
@@ -332,7 +332,7 @@ fn images_that_are_decoded_as_a_whole() {
     command(&["-q", "get", &tree, &out, "--window", "80,0,40,30"]).assert().success();
     assert!(samples(&out) == samples(inputs[2]));
     command(&["-q", "build", "--stack", "-o", &tree, &name("a.gif"), &name("b.tga")]).assert().success();
-    // A warning says what is not read.
+    // A warning reports what is not read.
     let frames = "tests/import/pictures/whole/frames.gif";
     let said = stderr(command(&["build", frames, "-o", &tree]).assert().success());
     assert!(said.contains("frames after the first of 2 are not read"), "{said}");

@@ -1,4 +1,4 @@
-//! Trees of points, as people make and ask them.
+//! Trees of points: building and queries on the command line.
 
 use std::collections::HashMap;
 use std::fmt::Write as _;
@@ -7,7 +7,7 @@ use std::path::Path;
 
 use crate::common::command::{command, complaint, spinney, stderr, stdout};
 
-/// Points of a slope, with classes, as a table; and what they are.
+/// Writes a table of points on a slope, with classes. Returns its path and the points.
 fn table(folder: &Path, count: u32) -> (String, Vec<([f64; 3], u32)>) {
     let mut state = 11u64;
     let mut random = |below: u64| {
@@ -32,7 +32,7 @@ fn within(place: &[f64; 3], [west, south, east, north]: [f64; 4]) -> bool {
     (west..=east).contains(&place[0]) && (south..=north).contains(&place[1])
 }
 
-/// Coordinates and classes in the lines of a table, in order.
+/// Returns the coordinates and classes in the lines of a table, sorted.
 fn lines(text: &str) -> Vec<String> {
     let mut lines: Vec<String> = text.lines().skip(1).map(str::to_owned).collect();
     lines.sort();
@@ -89,7 +89,7 @@ fn points_go_from_a_table_into_las_and_back() {
         );
         assert!(stdout(&["info", &again]).contains("EPSG:32632"));
     }
-    // (Tables of numbers tell no system.)
+    // PLY and NPY store no coordinate system.
     for middle in [name("q.ply"), name("q.npy")] {
         spinney(&["get", &tree, "-o", &middle]).success();
         let again = name("t.goblin");
@@ -124,7 +124,7 @@ fn heights_of_geometries_are_third_coordinates() {
             vec!["1,2,5.0,7", "3,4,0.5,7", "5,6,7.0,7"],
             "1 features",
         ),
-        // (Not all have heights: those of the attribute count.)
+        // If some points lack a height, those of the attribute count.
         ("b.geojson", json(&[several, flat]), vec!["1,2,7", "3,4,7", "5,6,7"], "1 features"),
         (
             "c.csv",
@@ -184,7 +184,7 @@ fn parts_are_those_of_looking_at_all_points() {
     assert_eq!(found.len(), 3);
     found.iter().zip(&distances).for_each(|(found, expected)| assert!((found - expected).abs() < 1e-6));
     assert_eq!(stdout(&["point", &tree, "0,0,0", "--radius", "5"]), "1\tnone\n");
-    // From standard input, in either writing; empty lines say nothing.
+    // From standard input, in either notation; empty lines are skipped.
     let asked = command(&["point", &tree, "--nearest", "3"])
         .write_stdin("500123.4 5200111.1\t20\n\n0,0\n")
         .assert()
@@ -194,7 +194,7 @@ fn parts_are_those_of_looking_at_all_points() {
     assert!(complaint(&["point", &tree, "1,2,3,4"], 1).contains("expected coordinates"));
 }
 
-/// Web mercator is a formula: what is given in degrees has the results of what is given in metres.
+/// Web mercator is a formula: inputs in degrees give the same results as inputs in metres.
 #[test]
 fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
     let folder = tempfile::tempdir().unwrap();
@@ -213,7 +213,7 @@ fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
     let other = numbers(&stdout(&["point", &tree, &place, "--nearest", "3", "--in", "lonlat"]));
     assert_eq!((own.len(), other.len()), (15, 15));
     assert!(own.iter().zip(&other).all(|(own, other)| (own - other).abs() < 1e-5), "{own:?} {other:?}");
-    // A triangle, and one outside of the tree.
+    // A triangle in the tree, and one outside.
     let triangle = |west: f64, south: f64| {
         let corners = [[0.0, 0.0], [150.0, 0.0], [0.0, 150.0], [0.0, 0.0]];
         let ring = corners.map(|[x, y]| degrees([west + x, south + y]));
@@ -230,7 +230,7 @@ fn positions_and_polygons_in_other_systems_are_brought_to_the_tree() {
     assert_eq!(lines(&found).len(), points.iter().filter(|(place, _)| inside(place)).count());
     let zone = triangle(900_000.0, 100_000.0);
     assert!(lines(&stdout(&["get", &tree, "-", "--format", "csv", "--within", &zone])).is_empty());
-    // Of a tree without a system coordinates are its own.
+    // For a tree without a coordinate system, coordinates are the tree's own.
     spinney(&["build", &csv, "-o", &tree, "--index", "points"]).success();
     assert!(complaint(&["point", &tree, "7,46", "--in", "lonlat"], 1).contains("--crs"));
     let warned = stderr(spinney(&["get", &tree, "-", "--format", "csv", "--within", &zone]).success());

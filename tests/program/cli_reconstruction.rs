@@ -1,4 +1,4 @@
-//! `spinney build` of pictures from known directions, and of outlines at heights.
+//! `spinney build` of images from known directions, and of outlines at heights.
 
 use std::fs;
 use std::path::Path;
@@ -37,7 +37,7 @@ fn pictures_carve_solids() {
     stdout(&["combine", "xor", &out, &again, "-o", &at("none.goblin")]);
     assert_eq!(spinney::open(at("none.goblin")).unwrap().statistics(None, &()).unwrap().cells, 0);
 
-    // Pictures that `render` draws: behind the solid they are transparent.
+    // Images drawn by `render`: the background is transparent.
     let block = at("block.csg");
     fs::write(&block, "block(-1,-1,-1, 1,1,1);").unwrap();
     stdout(&["build", &block, "-o", &again, "--cells", "32"]);
@@ -47,7 +47,7 @@ fn pictures_carve_solids() {
         let drawn =
             ["render", &again, &picture, "--from", from, "--orthographic", "--background", "transparent"];
         stdout(&[&drawn[..], &["--size", "100x100"]].concat());
-        // (The body fills 92 of 100 pixels.)
+        // The solid fills 92 of 100 pixels.
         views.push(format!(
             r#"{{"picture": "{number}.png", "kind": "silhouette", "from": [{from}], "centre": [0,0,0], "pixel": {}}}"#,
             2.0 / 92.0
@@ -121,7 +121,8 @@ fn outlines_become_solids() {
     );
     assert!(told.contains("at 3 heights from 0 to 8, 12 sides; 1 features without"), "{told}");
     let told = stdout(&["stats", &out, "--solid"]);
-    // Eight layers of cells whose centres are inside: five of 8 x 8, two of 6 x 6 and one of 4 x 4.
+    // Eight layers of cells with their centres inside: five of 8 x 8, two of 6 x 6 and one of 4 x
+    // 4.
     assert!(told.contains("volume   408 m3"), "{told}");
     stdout(&["verify", &out]);
 

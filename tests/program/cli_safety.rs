@@ -1,4 +1,4 @@
-//! Files that are changed while the program reads them, and text that may not reach a terminal.
+//! Files that change while the program reads them, and text that must not reach a terminal.
 
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ fn a_published_file_that_is_overwritten_or_cut_short_is_noticed() {
         std::fs::copy(fixture("v1/classes.goblin"), &path).unwrap();
         let tree = open(&path, &options).unwrap();
         tree.check_unchanged().unwrap();
-        // Another file of that name is another file, and neither links nor permissions matter.
+        // A replaced file does not affect the open one, and links and permissions do not matter.
         std::fs::hard_link(&path, &other).unwrap();
         std::fs::remove_file(&path).unwrap();
         tree.check_unchanged().unwrap();
@@ -96,7 +96,7 @@ fn an_edited_file_may_grow_but_not_lose_commits() {
     let tree = open(&path, &OpenOptions::new()).unwrap();
     fill(3.0);
     tree.check_unchanged().unwrap();
-    // A copy from before, written over the file.
+    // An older copy, written over the file.
     let mut file = std::fs::File::options().write(true).open(&path).unwrap();
     file.write_all(&old).unwrap();
     assert!(is_changed(tree.check_unchanged()));
@@ -109,7 +109,7 @@ fn an_edited_file_may_grow_but_not_lose_commits() {
 fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("t.goblin");
-    // Long enough that most of it is not in the first pages.
+    // Large enough that most of it is not in the first pages.
     let small = fixture("island_classes.tif");
     spinney(&["-q", "build", small.to_str().unwrap(), "-o", path.to_str().unwrap()]).success();
     assert!(std::fs::metadata(&path).unwrap().len() > 3 * 4096);
@@ -132,7 +132,7 @@ fn a_file_that_is_cut_short_while_it_is_read_ends_the_program_with_a_message() {
         while !is_open(child.id()) && start.elapsed() < Duration::from_secs(10) {
             std::thread::sleep(Duration::from_millis(1));
         }
-        // It has read what opening reads, or will find the file short.
+        // The program has read what opening reads, or will find the file truncated.
         std::thread::sleep(Duration::from_millis(100));
         std::fs::File::options().write(true).open(&path).unwrap().set_len(100).unwrap();
         let mut input = child.stdin.take().unwrap();
@@ -168,7 +168,7 @@ fn answers_to_nobody_are_a_failure() {
         let text = String::from_utf8_lossy(&run.stderr);
         assert_eq!(run.status.code(), Some(1), "{question:?}: {text}");
         assert!(text.contains("standard output is closed"), "{text}");
-        // Somebody who does not want to know is another matter.
+        // Output that the caller discards is not an error.
         let run = Command::new(PROGRAM)
             .arg(question[0])
             .arg(&file)
@@ -240,7 +240,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
         files
     };
     let before = files();
-    // In blocks of 512 bytes, or 1024: nothing, or some of it.
+    // A limit in blocks of 512 or 1024 bytes: no output, or some of it.
     for blocks in [0, 3] {
         for command in commands {
             let mut shell = Command::new("sh");
@@ -254,7 +254,7 @@ fn a_full_disk_is_told_by_every_command_that_writes() {
             assert!(files() == before, "{blocks} blocks, {command:?}");
         }
     }
-    // What goes to standard output meets a disk that is full.
+    // Standard output is a full disk.
     for command in [
         &["get", &map, "-", "--format", "tif"][..],
         &["dump", &map, "--codes"],
@@ -275,7 +275,7 @@ fn pipes_are_refused_where_files_are_read_more_than_once() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
     let (pipe, out) = (name("pipe.tif"), name("out.goblin"));
-    // (Nobody writes to it: who opens it waits for ever.)
+    // The pipe has no writer: opening it would block forever.
     assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     for words in [
         &["build", &pipe, "-o", &out][..],
@@ -292,7 +292,8 @@ fn pipes_are_refused_where_files_are_read_more_than_once() {
     }
 }
 
-/// Files that belong together, on a disk that gets full: all of them, or none, and no directories for them.
+/// Multi-file outputs on a disk that fills up: all files are written or none, without leftover
+/// directories.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_has_no_part_of_what_belongs_together() {
@@ -315,7 +316,7 @@ fn a_full_disk_has_no_part_of_what_belongs_together() {
         found.collect::<Vec<_>>()
     };
     let mut failed = 0;
-    // With ever more space: each command fails for a while, at another moment each time.
+    // With increasing space: each command first fails, at a different point each time.
     for space in (0..400).step_by(20) {
         std::fs::write(name("filler"), vec![0; (400 - space) << 10]).unwrap_or_default();
         for words in [
@@ -341,7 +342,7 @@ fn a_full_disk_has_no_part_of_what_belongs_together() {
     assert!(failed > 3);
 }
 
-/// Addresses in help are examples: nothing is redacted, and help is no complaint.
+/// URLs in help are examples: nothing is redacted, and help is not an error message.
 #[test]
 fn help_is_shown_as_it_is() {
     let text = stdout(&["serve", "--help"]);

@@ -4,7 +4,7 @@ use serde_json::Value as Json;
 
 use crate::common::command::{command, complaint, stderr, stdout};
 
-/// A box of 4 x 6 x 8 steps of a half.
+/// A box of 4 x 6 x 8 grid units of one half.
 const BOX: &str = "OFF\n8 6 0\n0 0 0\n2 0 0\n2 3 0\n0 3 0\n0 0 4\n2 0 4\n2 3 4\n0 3 4\n4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";
 
 #[test]
@@ -30,7 +30,7 @@ fn sections_of_a_box() {
     for corner in ["0 0", "4 0", "4 2", "0 2"] {
         assert!(line.contains("POLYGON ((") && line.contains(corner), "{line}");
     }
-    // Many planes, several ways, and none that meets it.
+    // Many planes, in several notations, and one that misses the solid.
     let file = name("many.csv");
     let many = ["section", &model, "z=0.2..3.8/0.2", "plane=1,1,1,3", "x=9", "-o", &file];
     let told = stderr(command(&many).assert().success());
@@ -41,12 +41,13 @@ fn sections_of_a_box() {
         19,
         "{rows}"
     );
-    // As drawing: what is in the plane fills it.
+    // As a drawing: the section fills it.
     let drawing = stdout(&["section", "-q", &model, "x=1", "-o", "-", "--format", "svg"]);
     assert!(drawing.contains("viewBox=\"0 -4 3 4\""), "{drawing}");
 }
 
-/// A box moved out of the first one's corner, and one on its wall, with an edge along an edge of it.
+/// A box that overlaps the first one's corner, and one on its wall, with an edge along one of its
+/// edges.
 #[test]
 fn what_two_models_have_in_common() {
     let folder = tempfile::tempdir().unwrap();
@@ -70,18 +71,18 @@ fn what_two_models_have_in_common() {
     assert_eq!((&properties["kind"], &properties["length"]), (&"crossing".into(), &12.into()));
     let points = feature["geometry"]["coordinates"].as_array().unwrap();
     assert_eq!((points.len(), &points[0]), (7, &points[6]));
-    // Each segment lies within a wall of either, and has that on both sides.
+    // Each segment is within a wall of each solid, and has that wall on both sides.
     for side in ["a_left", "a_right", "b_left", "b_right"] {
         assert_eq!(properties[side].as_array().unwrap().len(), 6, "{side}");
     }
     assert_eq!(properties["a_left"], properties["a_right"]);
     assert_eq!(properties["b_left"], properties["b_right"]);
-    // A wall in common, from the other side; and where two edges lie on each other.
+    // A common wall, from the other side; and two coincident edges.
     let told = stderr(command(&["section", &a, &c, "-o", &name("c.csv")]).assert().success());
     assert!(told.contains("0 where they touch (0), 1 areas (9), 0 points"), "{told}");
     let rows = std::fs::read_to_string(name("c.csv")).unwrap();
     assert!(rows.contains("POLYGON Z ((") && rows.contains(",overlap,,9,opposite,"), "{rows}");
-    // As lines of meshes, drawing and table.
+    // As mesh lines, drawing and table.
     for format in ["obj", "ply", "svg", "gpkg", "fgb"] {
         let file = name(&format!("lines.{format}"));
         command(&["section", "-q", &a, &b, "-o", &file]).assert().success();
@@ -94,7 +95,8 @@ fn what_two_models_have_in_common() {
             "ply" => {
                 assert!(text.contains("element vertex 6\n") && text.contains("element edge 6\n"), "{text}");
                 let end = text.find("end_header\n").unwrap() + "end_header\n".len();
-                // (Header text is ASCII.) Three doubles; two ints, the feature, two doubles, four faces.
+                // The header text is ASCII. Three doubles; two ints, the feature, two doubles, four
+                // faces.
                 assert_eq!(bytes.len() - end, 6 * 24 + 6 * (12 + 16 + 16));
             }
             "svg" => {

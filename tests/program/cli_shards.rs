@@ -1,4 +1,4 @@
-//! Trees that are built in shards: the bytes of one build, whatever happens on the way.
+//! Trees built in shards: byte-identical to a single build, whatever happens in between.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,7 @@ use crate::common::command::{complaint, spinney, stderr};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_spinney");
 
-/// A folder for one test.
+/// A directory for one test.
 pub(crate) struct Place(tempfile::TempDir);
 
 impl Place {
@@ -30,7 +30,7 @@ impl Place {
         self.path(name).to_str().unwrap().into()
     }
 
-    /// A grey picture at a place of a grid, of squares of one value and of noise.
+    /// Writes a grey image at a position of a grid: uniform squares and noise.
     pub(crate) fn picture(&self, name: &str, at: [u64; 2], size: [u64; 2]) -> String {
         let path = self.path(name);
         let frame = Frame {
@@ -63,12 +63,13 @@ impl Place {
         self.name(name)
     }
 
-    /// Plans, builds all shards, and merges them; the bytes are those of a build of the same inputs.
+    /// Plans, builds all shards, and merges them; checks that the bytes are those of a single
+    /// build.
     fn compare(&self, inputs: &[&str], options: &[&str], shards: &[u32]) {
         self.compare_with(["build", "plan"], &[inputs, options].concat(), shards);
     }
 
-    /// Does so for a command and the one that plans the same.
+    /// The same for a command and its planning command.
     pub(crate) fn compare_with(&self, [command, plan]: [&str; 2], words: &[&str], shards: &[u32]) {
         let (whole, merged) = (self.name("whole.goblin"), self.name("merged.goblin"));
         spinney(&[&["-q", command, "-o", &whole], words].concat()).success();
@@ -88,7 +89,7 @@ impl Place {
         }
     }
 
-    /// Files in a folder that are no part of a job.
+    /// Returns the files in a directory that do not belong to a job.
     pub(crate) fn leftovers(&self, folder: &str) -> Vec<String> {
         let entries = fs::read_dir(self.path(folder)).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -106,7 +107,7 @@ fn shards_of_pictures_make_the_bytes_of_a_build() {
     place.compare(&[&tiff], &[], &[1, 2, 7, 64]);
     place.compare(&[&tiff], &["--codec", "packed", "--kind", "categorical"], &[1, 7]);
     place.compare(&[&tiff], &["--depth", "12", "--rule", "max", "--nodata", "2"], &[3]);
-    // From the top down alone, whole, and with opacity.
+    // Readable only from top to bottom, whole, and with opacity.
     let png = place.picture("b.png", [0, 0], [1300, 900]);
     place.compare(&[&png], &["--transform", "1,0,0.1,0,-1,1e7"], &[1, 2, 7]);
     let webp = place.picture("c.webp", [0, 0], [1000, 600]);
@@ -121,7 +122,8 @@ fn shards_of_pictures_make_the_bytes_of_a_build() {
 fn shards_of_several_pictures_make_the_bytes_of_a_build() {
     let place = Place::new();
     let mut tiles = Vec::new();
-    // More than are open at a time; some overlap, some are apart, one is from the top down.
+    // More than are open at a time; some overlap, some are disjoint, one is read from top to
+    // bottom.
     for number in 0..20 {
         let ending = if number == 7 { "png" } else { "tif" };
         let at = [number % 5 * 230 + number, number / 5 * 260 + 5 * (number % 3)];
@@ -164,7 +166,7 @@ fn shards_of_stacks_make_the_bytes_of_a_build() {
     place.compare(&[&fine, &other], &[&times[..], &["--codec", "packed"]].concat(), &[3]);
 }
 
-/// A job of a picture, and what a build makes of it.
+/// Returns a job of an image, and the bytes of a single build.
 pub(crate) fn job(place: &Place, shards: &str) -> (String, Vec<u8>) {
     let picture = place.picture("p.tif", [0, 0], [1500, 1200]);
     let (job, whole) = (place.name("job"), place.name("whole.goblin"));
@@ -186,7 +188,7 @@ fn shards_that_are_killed_are_built_again() {
     let merged = place.name("merged.goblin");
     let missing = complaint(&["shard", "merge", &job, "-o", &merged], 1);
     assert!(missing.contains("0 to 3 are missing") && missing.contains("shard build"), "{missing}");
-    // A plan that is cut off is made again; none is there by halves.
+    // An interrupted plan is repeated; a plan is never partial.
     let (second, picture) = (place.name("second"), place.name("p.tif"));
     for delay in [0, 1, 2, 4, 8, 16] {
         let mut command = Command::new(PROGRAM);
@@ -202,7 +204,7 @@ fn shards_that_are_killed_are_built_again() {
     fs::remove_dir_all(&second).unwrap();
     let mut delay = 1;
     for number in 0..4 {
-        // Later and later, until one comes to its end before.
+        // Kill later and later, until one finishes before.
         loop {
             let mut child = build(&job, number);
             sleep(Duration::from_millis(delay));
@@ -225,7 +227,7 @@ fn shards_that_are_killed_are_built_again() {
         assert!(again.contains("is made already"), "{again}");
     }
     assert_eq!(place.leftovers("job/shards"), Vec::<String>::new());
-    // Two merges at once, after one that was killed.
+    // Two concurrent merges, after one that was killed.
     let merge = |name: &str| {
         let mut command = Command::new(PROGRAM);
         command.args(["-q", "shard", "merge", &job, "-o", &place.name(name)]).spawn().unwrap()
@@ -237,7 +239,7 @@ fn shards_that_are_killed_are_built_again() {
     both.into_iter().for_each(|mut child| assert!(child.wait().unwrap().success()));
     assert!(fs::read(&merged).unwrap() == whole);
     assert_eq!(place.leftovers("."), ["job", "merged.goblin", "p.tif", "whole.goblin"]);
-    // A run file that is gone is built again, one that is damaged is found.
+    // A missing run file is rebuilt, a corrupt one is detected.
     let run = place.path("job/shards/0002-0.run");
     fs::remove_file(&run).unwrap();
     assert!(complaint(&["shard", "merge", &job, "-o", &merged], 1).contains("2 is missing"));
@@ -261,11 +263,11 @@ fn shards_of_other_inputs_than_planned_are_refused() {
     touch(before + Duration::from_secs(5));
     let text = complaint(&["shard", "build", &job, "1"], 1);
     assert!(text.contains("p.tif") && text.contains("was planned"), "{text}");
-    // What was made before is made.
+    // Existing shards are not rebuilt.
     spinney(&["-q", "shard", "build", &job, "0"]).success();
     touch(before);
     spinney(&["-q", "shard", "build", &job, "1"]).success();
-    // A file beside it that was not there.
+    // A new sidecar file.
     let beside = place.path("p.tif.aux.xml");
     fs::write(&beside, "<PAMDataset></PAMDataset>").unwrap();
     let text = complaint(&["shard", "build", &job, "2"], 1);
@@ -281,7 +283,7 @@ fn shards_of_other_inputs_than_planned_are_refused() {
 #[test]
 fn shards_open_the_inputs_that_they_are_made_of() {
     let place = Place::new();
-    // Four pictures at the corners of a square, and a strip that only the first two shards have to do with.
+    // Four images at the corners of a square, and a strip that only the first two shards touch.
     let places = [[0, 0], [1300, 0], [0, 1300], [1300, 1300], [0, 0]];
     let sizes = [[700, 700], [700, 700], [700, 700], [700, 700], [2000, 100]];
     let inputs: Vec<String> =
@@ -301,7 +303,7 @@ fn shards_open_the_inputs_that_they_are_made_of() {
     }
     spinney(&["-q", "shard", "merge", &job, "-o", &merged]).success();
     assert!(fs::read(&merged).unwrap() == fs::read(&whole).unwrap());
-    // Places that cannot be.
+    // Invalid positions.
     let plan = place.path("job/plan.json");
     let json: serde_json::Value = serde_json::from_slice(&fs::read(&plan).unwrap()).unwrap();
     for (pointer, value, word) in [
@@ -332,7 +334,7 @@ fn plans_are_made_again_and_not_mixed() {
     assert_eq!(fs::read_to_string(&plan).unwrap(), text);
     let other = complaint(&["shard", "plan", &picture, "-o", &job, "--shards", "4"], 1);
     assert!(other.contains("another job"), "{other}");
-    // A plan that was cut off before its last step is made anew.
+    // A plan interrupted before its last operation is repeated.
     fs::remove_file(&plan).unwrap();
     let none = complaint(&["shard", "build", &job, "0"], 1);
     assert!(none.contains("without a job") && none.contains("shard plan"), "{none}");
@@ -344,7 +346,7 @@ fn plans_are_made_again_and_not_mixed() {
     fs::write(&plan, &text).unwrap();
     let full = complaint(&["shard", "plan", &picture, "-o", &place.name("")], 1);
     assert!(full.contains("has something else"), "{full}");
-    // Shards of one job are none of another.
+    // Shards of one job are not valid in another.
     let second = place.name("second");
     spinney(&["-q", "shard", "plan", &picture, "-o", &second, "--shards", "2"]).success();
     for name in ["0000.summary", "0000-0.run"] {

@@ -1,4 +1,5 @@
-//! Shards that are removed while they are put together: there is room for one of both, and whoever is cut off goes on.
+//! Merges that remove shards as they go: there is only disk space for one copy, and an interrupted
+//! merge is resumed.
 
 use std::fs;
 use std::io::Write as _;
@@ -20,7 +21,7 @@ fn build_all(job: &str, shards: u32) {
     }
 }
 
-/// Bytes of all run files of a job.
+/// Returns the total size of a job's run files in bytes.
 fn run_bytes(place: &Place) -> u64 {
     let Ok(files) = fs::read_dir(place.path("job/shards")) else { return 0 };
     let runs = files
@@ -36,7 +37,7 @@ fn shards_are_removed_as_they_are_merged() {
     build_all(&job, 9);
     let (all, merged) = (run_bytes(&place), place.name("merged.goblin"));
     let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove-shards"];
-    // Cut off again and again, later and later; what is done stays done.
+    // Killed repeatedly, later and later; finished work is kept.
     let mut left = all;
     for delay in (0..).step_by(2) {
         let mut child = Command::new(PROGRAM).args(merge).stderr(Stdio::null()).spawn().unwrap();
@@ -51,7 +52,7 @@ fn shards_are_removed_as_they_are_merged() {
         }
     }
     if !place.path("merged.goblin").exists() {
-        // (Without --remove-shards the shards that are gone are missing.)
+        // Without --remove-shards the removed shards are missing.
         let plain = complaint(&["shard", "merge", &job, "-o", &place.name("plain.goblin")], 1);
         assert!(plain.contains("missing"), "{plain}");
         spinney(&merge).success();
@@ -68,7 +69,7 @@ fn a_file_that_is_there_in_part_is_checked() {
     let merged = place.name("merged.goblin");
     let merge = ["-q", "shard", "merge", &job, "-o", &merged, "--remove-shards"];
     let (partial, runs) = (place.path("merged.goblin.partial"), place.path("job/shards"));
-    // As if somebody had been cut off behind the first two runs: what else is there does not matter.
+    // As if killed after the first two runs: other remains do not matter.
     let header = &whole[..fs::read(place.path("job/head.goblin"))
         .unwrap()
         .iter()
@@ -82,18 +83,18 @@ fn a_file_that_is_there_in_part_is_checked() {
     bytes.extend_from_slice(&[7; 100_000]);
     fs::remove_file(runs.join("0000-0.run")).unwrap();
     fs::remove_file(runs.join("0001-0.run")).unwrap();
-    // Not there at all: now there is a mark that says whose it is.
+    // Without the partial file, a mark is created that names its job.
     assert!(complaint(&merge, 1).contains("build it again"));
     let mark = place.path("merged.goblin.partial.job");
     let own = fs::read(&mark).unwrap();
-    // Of nobody, and of another job: nothing is written over.
+    // Without a mark, or with another job's: nothing is overwritten.
     fs::remove_file(&mark).unwrap();
     fs::write(&partial, &bytes).unwrap();
     assert!(complaint(&merge, 1).contains("something else"));
     fs::write(&mark, "0".repeat(32)).unwrap();
     assert!(complaint(&merge, 1).contains("something else") && fs::read(&partial).unwrap() == bytes);
     fs::write(&mark, own).unwrap();
-    // Damaged, or too short.
+    // Corrupt, or too short.
     bytes[start + first.len() / 2] ^= 1;
     fs::write(&partial, &bytes).unwrap();
     let damaged = complaint(&merge, 1);
@@ -102,7 +103,7 @@ fn a_file_that_is_there_in_part_is_checked() {
     assert!(complaint(&merge, 1).contains("build it again"));
     bytes[start + first.len() / 2] ^= 1;
     fs::write(&partial, &bytes).unwrap();
-    // Whoever builds one of them again loses nothing.
+    // Rebuilding one of them loses nothing.
     spinney(&["-q", "shard", "build", &job, "1"]).success();
     spinney(&merge).success();
     assert!(fs::read(&merged).unwrap() == whole);
@@ -132,7 +133,8 @@ fn streams_and_two_at_once_are_refused() {
     assert!(run_bytes(&place) > 0);
 }
 
-/// A merge that was cut off after its rename, at any moment of removing its job: the same command succeeds and cleans up.
+/// A merge killed after its rename, at any moment of the job's removal: the same command succeeds
+/// and cleans up.
 #[test]
 fn merges_that_were_cut_off_after_their_file_was_in_place_go_on() {
     let place = Place::new();
@@ -149,7 +151,7 @@ fn merges_that_were_cut_off_after_their_file_was_in_place_go_on() {
     };
     let saved: Vec<_> = files().into_iter().map(|path| (fs::read(&path).unwrap(), path)).collect();
     let id = {
-        // (The mark of a merge that lacks a shard has the job in it.)
+        // The mark of a merge that lacks a shard contains the job.
         let (bytes, path) = saved.iter().find(|(_, path)| path.ends_with("0001-0.run")).unwrap();
         fs::remove_file(path).unwrap();
         complaint(&merge, 1);
@@ -183,10 +185,10 @@ fn merges_that_were_cut_off_after_their_file_was_in_place_go_on() {
             "{gone} files were gone"
         );
     }
-    // All was done but for saying so.
+    // Everything was done except the report.
     let told = stderr(spinney(&merge).success());
     assert!(told.contains("no job is there"), "{told}");
-    // Without the file, or where another one is in its place, shards stay.
+    // Without the file, or with a different one, shards stay.
     fs::create_dir_all(place.path("job/shards")).unwrap();
     saved.iter().for_each(|(bytes, path)| fs::write(path, bytes).unwrap());
     fs::write(place.path("merged.goblin.partial.job"), &mark).unwrap();

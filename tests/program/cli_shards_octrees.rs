@@ -1,4 +1,4 @@
-//! Octrees that are built in shards, of volumes and of models.
+//! Octrees built in shards, from volumes and from models.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -10,11 +10,11 @@ use crate::cli_shards::Place;
 use crate::common::Random;
 use crate::common::command::{complaint, spinney, stderr};
 
-/// Cells along x, y and z of the volumes: more than a unit of a tree of 8 levels along each.
+/// Size of the volumes in cells: more than a unit of a tree of 8 levels along each axis.
 const SIZE: [usize; 3] = [140, 90, 150];
 
 impl Place {
-    /// Compares the bytes of shards of a volume or of models with those of a build.
+    /// Compares the bytes of sharded builds of volumes or models with those of a single build.
     fn compare_octrees(&self, inputs: &[&str], options: &[&str], shards: &[u32]) {
         self.compare_with(["build", "plan"], &[inputs, options].concat(), shards);
     }
@@ -25,7 +25,7 @@ impl Place {
     }
 }
 
-/// A ball in noise, with places that are all alike.
+/// Returns a ball in noise, with uniform regions.
 fn samples() -> Vec<u8> {
     let mut random = Random(7);
     let [width, height, planes] = SIZE;
@@ -48,7 +48,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     packed.finish().unwrap()
 }
 
-/// A volume of floats as `numpy.save` writes it.
+/// Returns a volume of floats as `numpy.save` writes it.
 fn npy() -> Vec<u8> {
     let [width, height, planes] = SIZE;
     let header =
@@ -72,10 +72,10 @@ fn shards_of_volumes_make_the_bytes_of_a_build() {
     let void = [&layout[..], &["--nodata", "3", "--kind", "categorical"]].concat();
     place.compare_octrees(&[&raw], &void, &[1, 7]);
     place.compare_octrees(&[&raw], &[&void[..], &["--codec", "packed"]].concat(), &[2]);
-    // So long that nodes are above the least level that crowns have.
+    // So long that nodes are above the minimum top level.
     let long = place.write("long.raw", &samples()[..160_000]);
     place.compare_octrees(&[&long], &["--raw-size", "40000,2,2", "--raw-type", "u8"], &[5]);
-    // From the front alone.
+    // Readable only from the start.
     place.write("b.raw.gz", &gzip(&samples()));
     let head = format!(
         "NRRD0004\ntype: uint8\ndimension: 3\nsizes: {x} {y} {z}\nencoding: gzip\ndata file: b.raw.gz\n"
@@ -94,13 +94,13 @@ fn shards_of_sections_make_the_bytes_of_a_build() {
     let options = ["--pages", "z", "--crs", "EPSG:32632", "--transform", "10,10,10"];
     sections("tif");
     place.compare_octrees(&[&place.name("tif")], &options, &[1, 2, 7]);
-    // From the top down alone, and in an order that somebody has chosen.
+    // Readable only from top to bottom, and in a custom order.
     let names = sections("png");
     let names: Vec<&str> = names.iter().rev().map(String::as_str).collect();
     place.compare_octrees(&names, &options, &[3]);
 }
 
-/// A model of a body that is turned around z, with this outline of distances and heights, as OFF.
+/// Returns a solid of revolution around z, given its outline of distances and heights, as OFF.
 fn turned(outline: &[[f64; 2]], sides: usize) -> String {
     let mut text = String::new();
     let count = outline.len();
@@ -120,7 +120,7 @@ fn turned(outline: &[[f64; 2]], sides: usize) -> String {
     text
 }
 
-/// A torus.
+/// Returns a torus.
 fn torus() -> String {
     let at = |step: usize| step as f64 / 18.0 * std::f64::consts::TAU;
     let outline: Vec<[f64; 2]> =
@@ -139,7 +139,7 @@ fn shards_of_models_make_the_bytes_of_a_build() {
     place.compare_octrees(&[&torus], &["--cells", "200"], &[1, 2, 7, 64]);
     place.compare_octrees(&[&torus], &["--cell", "0.2", "--edge", "area", "--codec", "packed"], &[3]);
     place.compare_octrees(&[&torus], &["--depth", "9", "--shell", "--up", "y", "--unit", "mm"], &[5]);
-    // Along walls of cells, with colours; and several models, as parts.
+    // Along cell walls, with colours; and several models, as parts.
     let cube = place.write("cube.obj", CUBE.as_bytes());
     place.write("cube.mtl", b"newmtl red\nKd 1 0 0\nnewmtl blue\nKd 0 0 1\n");
     place.compare_octrees(&[&cube], &["--cell", "0.0625", "--attribute", "colour"], &[1, 7]);
@@ -148,7 +148,7 @@ fn shards_of_models_make_the_bytes_of_a_build() {
     let bar = corners.collect::<String>() + &CUBE[CUBE.find("usemtl").unwrap()..];
     let bar = place.write("bar.obj", bar.as_bytes());
     place.compare_octrees(&[&bar], &["--cells", "65536"], &[7]);
-    // One whose faces are not all turned the same way, by itself and among others.
+    // One with inconsistent face orientation, alone and among others.
     let odd = place.write("odd.obj", CUBE.replace("f 1 3 4 2", "f 2 4 3 1").as_bytes());
     place.compare_octrees(&[&odd], &["--cells", "100"], &[2]);
     place.compare_octrees(&[&odd, &torus], &["--cells", "150", "--edge", "area"], &[7]);
@@ -187,13 +187,13 @@ fn octrees_of_other_inputs_than_planned_are_refused() {
     plan(&[&place.write("a.nhdr", head.as_bytes())]);
     place.write("a.raw", &[1; 25]);
     assert!(complaint(&["shard", "build", &job, "1"], 1).contains("a.raw"));
-    // A picture that comes to a folder of sections.
+    // An image added to a directory of sections.
     fs::create_dir(place.path("sections")).unwrap();
     let first = place.picture("sections/1.png", [0, 0], [9, 5]);
     plan(&[&place.name("sections"), "--pages", "z"]);
     fs::copy(first, place.path("sections/2.png")).unwrap();
     assert!(complaint(&["shard", "build", &job, "1"], 1).contains("2.png"));
-    // One that has nothing to do needs no input.
+    // A shard without work needs no input.
     spinney(&["-q", "shard", "build", &job, "0"]).success();
     fs::remove_file(place.path("sections/2.png")).unwrap();
     spinney(&["-q", "shard", "build", &job, "1"]).success();
@@ -221,7 +221,7 @@ fn octrees_that_shards_do_not_make_are_told() {
         (&[&array, &array], "one at a time"),
         (&[&array, "--band", "1"], "not for volumes"),
         (&[&picture, "--shell"], "is no model"),
-        // (Nothing listens there: that is the error, and not a type that is not known.)
+        // No server listens there: that is the error, rather than an unknown type.
         (&["http://127.0.0.1:9/a.ply", "--remote-timeout", "2"], "127.0.0.1:9"),
     ] {
         let said = stderr(spinney(&[&["shard", "plan", "-o", &job], words].concat()).failure());

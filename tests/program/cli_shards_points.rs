@@ -1,4 +1,4 @@
-//! Trees of points that are built in shards: the bytes of one build.
+//! Trees of points built in shards: byte-identical to a single build.
 
 use std::fs;
 
@@ -7,7 +7,7 @@ use crate::common::command::{complaint, spinney};
 
 const BUILD: [&str; 2] = ["build", "plan"];
 
-/// Parts of a scan that lie beside and over each other, as tiles in files of several kinds.
+/// Adjacent and overlapping tiles of a scan, in files of several types.
 fn tiles(place: &Place) -> Vec<String> {
     let scan = place.name("scan.goblin");
     spinney(&["-q", "build", "fixtures/island_points.laz", "-o", &scan]).success();
@@ -47,7 +47,7 @@ fn points_that_have_changed_and_what_is_no_scan_are_refused() {
     let (job, merged) = (place.name("job"), place.name("merged.goblin"));
     let plan = ["shard", "plan", &tiles[0], &tiles[1], "-o", &job, "--shards", "2"];
     spinney(&[&["-q"], &plan[..]].concat()).success();
-    // The same plan does nothing, another one is refused.
+    // Repeating the same plan does nothing, another one is rejected.
     spinney(&[&["-q"], &plan[..]].concat()).success();
     complaint(&[&plan[..], &["--leaf-size", "7"]].concat(), 1);
     spinney(&["-q", "shard", "build", &job, "1"]).success();

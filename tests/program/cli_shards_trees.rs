@@ -1,4 +1,5 @@
-//! Trees that are transformed and combined in shards: the bytes of one go, whatever steps and operations there are.
+//! Trees transformed and combined in shards: byte-identical to a single process, for all
+//! operations.
 
 use std::fs;
 use std::time::Duration;
@@ -9,7 +10,7 @@ use crate::common::command::{complaint, spinney};
 const TRANSFORM: [&str; 2] = ["transform", "plan-transform"];
 const COMBINE: [&str; 2] = ["combine", "plan-combine"];
 
-/// A tree of a picture, with further options.
+/// Builds a tree of an image, with further options.
 fn tree(place: &Place, name: &str, at: [u64; 2], size: [u64; 2], options: &[&str]) -> String {
     let (picture, tree) =
         (place.picture(&format!("{name}.tif"), at, size), place.name(&format!("{name}.goblin")));
@@ -22,7 +23,8 @@ fn shards_of_a_tree_make_the_bytes_of_a_transformation() {
     let place = Place::new();
     let map = tree(&place, "map", [0, 0], [1400, 1100], &["--kind", "categorical"]);
     let amounts = tree(&place, "amounts", [0, 0], [1300, 1200], &["--nodata", "2", "--codec", "packed"]);
-    // A copy, of segments as they are stored; with each of them packed; in a deeper tree, of which whole nodes are copied.
+    // A copy of segments as stored; with each of them packed; and in a deeper tree, which copies
+    // whole nodes.
     place.compare_with(TRANSFORM, &[&map], &[1, 2, 7, 64]);
     place.compare_with(TRANSFORM, &[&map, "--codec", "packed"], &[3]);
     place.compare_with(TRANSFORM, &[&map, "tree-depth=14"], &[5]);
@@ -74,7 +76,7 @@ fn shards_of_trees_of_several_layers_and_of_many_files() {
     spinney(&[&["-q", "manifest", "-o", &manifest], &parts.each_ref().map(String::as_str)[..]].concat())
         .success();
     place.compare_with(TRANSFORM, &[&manifest, "translate=3,4"], &[4]);
-    // A file of it that changes is another input than planned.
+    // A changed file of the manifest is not the planned input.
     let job = place.name("job");
     spinney(&["-q", "shard", "plan-transform", &manifest, "-o", &job, "--shards", "2"]).success();
     let part = fs::File::options().append(true).open(&parts[1]).unwrap();

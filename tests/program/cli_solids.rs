@@ -10,10 +10,10 @@ use tempfile::TempDir;
 use crate::common::command::{command, complaint, stdout};
 use crate::common::{Cells, OCT, QUAD, as_byte, byte, goblin_bytes, made};
 
-/// A folder with trees to ask.
+/// A directory with trees to query.
 struct Trees {
     folder: TempDir,
-    /// A block of 6 x 4 x 3 cells from 2,1,0 in 10 x 9 x 5 cells.
+    /// A block of 6 x 4 x 3 cells at 2,1,0 in 10 x 9 x 5 cells.
     block: String,
     /// An octree of numbers.
     numbers: String,
@@ -54,7 +54,7 @@ fn picture(path: &str) -> ([u64; 2], Vec<u8>) {
     ([width, height], pixels.bytes)
 }
 
-/// Shape and samples of an array of bytes.
+/// Returns the shape and samples of an array of bytes.
 fn array(path: &str) -> (String, Vec<u8>) {
     let bytes = std::fs::read(path).unwrap();
     let end = 10 + usize::from(u16::from_le_bytes([bytes[8], bytes[9]]));
@@ -70,7 +70,7 @@ fn slices() {
     command(&["get", &trees.block, &out, "--slice", "z=2"]).assert().success().stdout("");
     let (size, pixels) = picture(&out);
     assert_eq!((size, pixels.iter().filter(|pixel| **pixel == 255).count()), ([10, 9], 24));
-    // Upright slices stand: the block is on the ground.
+    // Vertical slices are upright: the block is at the bottom.
     command(&["get", &trees.block, &out, "--slice", "y=4"]).assert().success();
     let (size, pixels) = picture(&out);
     assert_eq!((size, &pixels[..20], &pixels[42..48]), ([10, 5], &[0; 20][..], &[255; 6][..]));
@@ -177,7 +177,7 @@ fn statistics_of_solids() {
     let found = json(&["stats", &trees.block, "--json"]);
     let solid = &found["solid"];
     assert_eq!((&solid["volume"], &solid["level"]), (&72.0.into(), &4.into()));
-    // The surface is found for those who ask.
+    // The surface is computed on request.
     assert!(solid.as_object().unwrap().keys().all(|key| !key.contains("surface") && key != "faces"));
     let with_surface = json(&["stats", &trees.block, "--json", "--surface"]);
     assert_eq!(with_surface["solid"]["surface_of_blocks"], 2.0 * (24.0 + 18.0 + 12.0));
@@ -192,7 +192,7 @@ fn statistics_of_solids() {
     assert!(text.contains("volume   72 (72.000 cells") && !text.contains("surface"), "{text}");
     assert!(stdout(&["stats", &trees.block, "--surface"]).contains("108 of blocks"));
     assert!(stdout(&["stats", &trees.numbers, "--surface"]).contains("of blocks"));
-    // What is no solid is told of as before.
+    // Trees that are not solids are reported as before.
     assert!(json(&["stats", &trees.numbers, "--json"])["solid"].is_null());
     assert!(!stdout(&["stats", &trees.numbers]).contains("solid"));
     let present = trees.cells.cells.iter().flatten().count() as f64;
@@ -225,7 +225,8 @@ fn pictures_of_solids() {
         render(&["--size", "64x48", "--background", "#102030", "--orthographic", "--from", "180,0"]);
     assert_eq!(pixels[..3], [0x10, 0x20, 0x30]);
     let seen = pixels.chunks(3).filter(|pixel| *pixel != [0x10, 0x20, 0x30]).count();
-    // Six cells wide and three high fill the width but for a margin; edges are rounded by parts of a cell.
+    // Six cells wide and three high fill the width except for a margin; edges are rounded by a
+    // fraction of a cell.
     let expected = (0.92f64 * 64.0).powi(2) / 2.0;
     assert!((seen as f64 / expected - 1.0).abs() < 0.25, "{seen} {expected}");
     let (_, pixels) =

@@ -1,4 +1,5 @@
-//! What `spinney build` takes, and what it tells of what it leaves out: trees as sources, pages, colours, files of other programs.
+//! Inputs of `spinney build`, and reports of what it omits: trees as sources, pages, colours, files
+//! of other programs.
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +15,7 @@ const HEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/elevatio
 const BALL: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/v1/ball.goblin");
 const PICTURE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
 
-/// A folder for one test.
+/// A directory for one test.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -37,7 +38,7 @@ impl Place {
     }
 }
 
-/// A picture's properties and samples.
+/// Returns an image's properties and samples.
 fn picture(path: &str) -> (RasterInfo, Vec<u8>) {
     let mut raster = raster::open(Path::new(path), &Default::default()).unwrap();
     let info = raster.info().clone();
@@ -56,7 +57,8 @@ fn a_tree_as_a_source_stays_what_it_is() {
         spinney(&["-q", "convert", tree, &published]).success();
         assert!(fs::read(&made).unwrap() == fs::read(&published).unwrap(), "{tree}");
     }
-    // What is said counts: coarser levels are made anew of all cells, exactly as of the picture itself.
+    // Options take precedence: coarser levels are recomputed from all cells, exactly as from the
+    // image itself.
     for (words, kind) in [
         (&["--rule", "max"][..], "continuous, averaged by max"),
         (&["--kind", "categorical", "--depth", "9"], "categorical, averaged by majority"),
@@ -120,7 +122,7 @@ fn trees_have_names_of_trees() {
         }
     }
     assert_eq!(place.files(), [""; 0]);
-    // Other names are nobody's.
+    // Other file name extensions are allowed.
     spinney(&["-q", "build", CLASSES, "-o", &place.name("out.tree")]).success();
 }
 
@@ -160,7 +162,7 @@ fn what_is_no_tree_is_told_with_what_to_do() {
         let text = complaint(&["info", &place.write(name, bytes)], 1);
         assert!(text.contains(found) && text.contains(advice), "{text}");
     }
-    // Bytes of nobody are a damaged file, as before.
+    // Unrecognized bytes are a corrupt file, as before.
     assert!(complaint(&["info", &place.write("a.goblin", [7; 100])], 1).contains("the file is damaged"));
 }
 
@@ -187,10 +189,10 @@ fn refused_formats_get_advice_that_fits() {
         let bytes = if bytes.is_empty() { "?" } else { bytes };
         let text = complaint(&["build", &place.write(name, bytes), "-o", &place.name("o.goblin")], 1);
         assert!(text.contains(advice) && text.contains(name), "{name}: {text}");
-        // A name is shown where it belongs into a command.
+        // Commands in messages contain the file name.
         assert!(!text.contains("IN "), "{text}");
     }
-    // Polygons for statistics, and features where cells are not said.
+    // Polygons for statistics, and features without a cell size.
     for (name, bytes, told) in [
         ("z.kml", &b"<kml>"[..], "ogr2ogr zones.geojson"),
         ("z.gpkg", b"SQLite format 3\0\xff\xfe", "z.gpkg"),
@@ -255,7 +257,7 @@ fn pages_are_told_and_chosen() {
     assert!(complaint(&["build", "-o", &out, &several, "--layer", "1"], 1).contains("--pages"));
 }
 
-/// A picture of four bands, each with a number of its own.
+/// Returns an image of four bands with different values.
 fn bands(extra: u16, xml: &'static str) -> Vec<u8> {
     let image = Ifd::grey(2, 1, vec![10, 20, 30, 4, 50, 60, 70, 4]);
     let image = image.short(258, &[8; 4]).short(277, &[4]).short(262, &[2]).short(338, &[extra]);
@@ -311,7 +313,7 @@ fn bands_have_the_colours_that_files_tell() {
         let info = stdout(&["info", &tree]);
         assert_eq!(info.contains("colour_roles"), told.is_some(), "{name}: {info}");
         assert!(told.is_none_or(|told| info.contains(&told)), "{name}: {info}");
-        // A picture of the values has all of them, and tells the same.
+        // An exported raster of values has all of them, with the same metadata.
         spinney(&["-q", "get", &tree, &tif]).success();
         let (before, after) = (picture(&input), picture(&tif));
         assert_eq!(after.1, before.1, "{name}");
@@ -319,7 +321,7 @@ fn bands_have_the_colours_that_files_tell() {
         if roles.is_some() {
             assert_eq!(after.0.colour_roles, before.0.colour_roles, "{name}");
         }
-        // A style without bands takes them, too; one with bands its own.
+        // A style without bands uses them, too; one with bands uses its own.
         spinney(&[
             "-q",
             "get",
@@ -331,11 +333,11 @@ fn bands_have_the_colours_that_files_tell() {
         .success();
         assert_eq!(picture(&png).1[..3], [4, 30, 20], "{name}");
     }
-    // Bands that are chosen keep their roles.
+    // Selected bands keep their roles.
     let chosen = place.name("c.goblin");
     spinney(&["-q", "build", &place.name("first.tif"), "-o", &chosen, "--band", "4,3,2"]).success();
     assert!(stdout(&["info", &chosen]).contains("colour_roles = Blue,Green,Red"));
-    // Two bands are no grey with opacity.
+    // Two bands are not grey with opacity.
     let two = Ifd::grey(2, 1, vec![10, 20, 30, 40]).short(258, &[8; 2]).short(277, &[2]).short(338, &[0]);
     let input = place.write("two.tif", file(&[two]));
     spinney(&["-q", "build", &input, "-o", &chosen]).success();

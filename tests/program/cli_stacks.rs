@@ -1,11 +1,11 @@
-//! What `spinney build` takes of several files: lists, and many of them.
+//! `spinney build` with several files: lists, and many of them.
 
 use std::fs;
 
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::tiff_file::{Ifd, Values, file};
 
-/// A folder for one test.
+/// A directory for one test.
 struct Place(tempfile::TempDir);
 
 impl Place {
@@ -23,7 +23,7 @@ impl Place {
     }
 }
 
-/// Places a picture: the corner at west and 100, and cells of a width.
+/// Georeferences an image: its corner is at west and 100, with a cell width.
 fn placed(ifd: Ifd, west: f64, cell: f64) -> Ifd {
     let keys = [1, 1, 0, 2, 1024, 0, 1, 1, 3072, 0, 1, 32632];
     ifd.tag(33550, Values::Double(vec![cell, cell, 0.0]))
@@ -31,7 +31,7 @@ fn placed(ifd: Ifd, west: f64, cell: f64) -> Ifd {
         .short(34735, &keys)
 }
 
-/// The value of a cell.
+/// Returns the value of a cell.
 fn value(tree: &str, x: u64, y: u64) -> String {
     stdout(&["point", tree, "--in", "cells", &format!("{x},{y}")]).trim().into()
 }
@@ -77,7 +77,7 @@ fn stacks_are_planned_from_files_bands_and_pages() {
     assert!(text.contains("`B02`") && text.contains("--names"), "{text}");
     let many = Ifd::grey(1, 1, vec![1, 2, 3, 4, 5]).short(258, &[8; 5]).short(277, &[5]);
     let many = place.write("many.tif", file(&[many]));
-    // (Bands that are no one value are layers anyway.)
+    // Bands that do not form one value become layers in any case.
     let made = spinney(&["build", &many, "-o", &out]).success().get_output().clone();
     let text = String::from_utf8([made.stdout, made.stderr].concat()).unwrap();
     assert!(text.contains("a layer of each") && stdout(&["info", &out]).contains("many_5"), "{text}");
@@ -86,7 +86,7 @@ fn stacks_are_planned_from_files_bands_and_pages() {
     assert!(
         complaint(&["build", &many, "-o", &out, "--stack", "--names", "a,b"], 1).contains("5, as many as")
     );
-    // Pages, and what does not go together.
+    // Pages, and incompatible files.
     let pages: Vec<Ifd> = (1..4).map(|page| Ifd::grey(2, 1, vec![page, page + 10])).collect();
     let pages = place.write("pages.tif", file(&pages));
     spinney(&["-q", "build", &pages, "-o", &out, "--pages", "z"]).success();

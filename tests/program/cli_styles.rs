@@ -1,4 +1,4 @@
-//! Styles and legends, as people ask for them; reliefs as `gdaldem` has them.
+//! Styles and legends with the program; reliefs as `gdaldem` computes them.
 
 use std::path::Path;
 use std::process::Command;
@@ -11,7 +11,7 @@ use spinney::{Bounds, DataKind, Dataset, Region, Rule, SampleType, Value};
 use crate::common::command::{command, complaint, stdout};
 use crate::common::{Cells, dataset, goblin_bytes, made, oct, quad, shared_data, value_types};
 
-/// The samples of a picture.
+/// Returns the samples of an image.
 fn samples(path: &Path) -> Vec<u8> {
     let mut raster = raster::open(path, &Default::default()).unwrap();
     let mut pixels = Pixels::default();
@@ -20,7 +20,7 @@ fn samples(path: &Path) -> Vec<u8> {
     pixels.bytes
 }
 
-/// A part of a tree painted by the library, with the neighbours that there are.
+/// Paints a window of a tree with the library, with its existing neighbours.
 fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]> {
     let margin = painter.margin();
     let extent = tree.header().extent;
@@ -58,7 +58,8 @@ fn painted(tree: &Dataset, painter: &StylePainter, part: Bounds) -> Vec<[u8; 4]>
     rgba.as_chunks::<4>().0.to_vec()
 }
 
-/// Light, slopes and aspects are those of the ground, in whatever order and direction a file has its rows and columns.
+/// Light, slopes and aspects are those of the ground, whatever the order and direction of a file's
+/// rows and columns.
 #[test]
 fn hillshade_and_aspect_use_north() {
     let directory = tempfile::tempdir().unwrap();
@@ -72,7 +73,7 @@ fn hillshade_and_aspect_use_north() {
     };
     let [width, height, _] =
         spinney::open(Path::new(&north_up)).unwrap().header().extent.map(|side| side as usize);
-    // The index of a pixel after each of the steps.
+    // The index of a pixel after each of the operations.
     type Index = fn([usize; 2], [usize; 2]) -> usize;
     let moved: [(&str, Index); 4] = [
         ("rotate=180", |[x, y], [w, h]| (h - 1 - y) * w + w - 1 - x),
@@ -91,7 +92,7 @@ fn hillshade_and_aspect_use_north() {
             let differing = expected.chunks(channels).enumerate().filter(|(index, pixel)| {
                 let there = index_of([index % width, index / width], [width, height]);
                 let found = &found[there * channels..][..channels];
-                // (Sums in another order are rounded otherwise.)
+                // Sums in another order are rounded differently.
                 found.iter().zip(*pixel).any(|(one, other)| one.abs_diff(*other) > 1)
             });
             assert_eq!(differing.count(), 0, "{style}, {step}");
@@ -124,13 +125,13 @@ fn every_tree_is_painted_in_every_style() {
                     let painter = match StylePainter::new(style, &tree, &()) {
                         Ok(painter) => painter,
                         Err(error) => {
-                            // (Colours need three channels.)
+                            // Colours need three channels.
                             assert!(error.to_string().contains("which the tree has"), "{error}");
                             assert!(style.json().contains("rgb") && value.channels < 3);
                             continue;
                         }
                     };
-                    // Whole, and in parts of any size.
+                    // Whole, and in windows of any size.
                     let whole = painted(&tree, &painter, Bounds { min: [0; 3], max: [13, 11, 1] });
                     for (x, y, width, height) in [(0, 0, 5, 4), (5, 0, 8, 11), (3, 7, 1, 4), (12, 10, 1, 1)] {
                         let part = Bounds { min: [x, y, 0], max: [x + width, y + height, 1] };
@@ -157,7 +158,7 @@ fn every_tree_is_painted_in_every_style() {
 fn parts_and_bands_of_a_picture_are_the_picture() {
     let folder = tempfile::tempdir().unwrap();
     let name = |name: &str| folder.path().join(name);
-    // So wide that memory is for a few rows at a time.
+    // So wide that memory only suffices for a few rows at a time.
     let cells = made(quad(SampleType::F32, 1), [3000, 70, 1], |[x, y, _]| {
         let height = 300.0 * (x as f32 / 9.0).sin() * (y as f32 / 7.0).cos() + (x * 7 % 13) as f32;
         (x % 61 > 3).then_some(Value::from(height.to_le_bytes()))
@@ -280,7 +281,7 @@ fn legends_are_written_in_three_forms() {
     assert!(complaint(&["legend", classes, "x.gif"], 1).contains(".png, .svg or .json"));
 }
 
-/// Whether `gdaldem` is there.
+/// Returns whether `gdaldem` is installed.
 fn has_gdaldem() -> bool {
     let is_there = Command::new("gdaldem").arg("--version").output().is_ok();
     if !is_there {
@@ -302,7 +303,7 @@ fn reliefs_are_those_of_gdaldem() {
     let (mut bytes, mut valid) = (vec![0; 2 * width * height], vec![true; width * height]);
     let all = tree.header().picture();
     tree.window(tree.depth(), &all, 0.0, &mut bytes, Some(&mut valid)).unwrap();
-    // The picture amid cells that are not there.
+    // The raster with a border of VOID cells.
     let columns = width + 2;
     let (mut framed, mut flags) = (vec![0; 2 * columns * (height + 2)], vec![false; columns * (height + 2)]);
     for row in 0..height {
@@ -310,7 +311,7 @@ fn reliefs_are_those_of_gdaldem() {
         framed[2 * start..][..2 * width].copy_from_slice(&bytes[2 * row * width..][..2 * width]);
         flags[start..][..width].copy_from_slice(&valid[row * width..][..width]);
     }
-    // As gdaldem has it: so many metres a degree along both axes.
+    // As in gdaldem: a constant number of metres per degree along both axes.
     let metres = 0.000_833_333_333_333_333_4 * 111_120.0;
     let block = SampleBlock {
         width,
@@ -340,7 +341,8 @@ fn reliefs_are_those_of_gdaldem() {
         assert!(run.output().unwrap().status.success(), "{mode} {options:?}");
         samples(&out)
     };
-    // A cell with all its neighbours, or at an edge of the picture (where both go on as they come), but no corner.
+    // A cell with all its neighbours, or at an edge of the raster (where both extrapolate), but not
+    // at a corner.
     let is_sure = |index: usize| {
         let (x, y) = (index % width, index / width);
         let edges = usize::from(x == 0 || x + 1 == width) + usize::from(y == 0 || y + 1 == height);
@@ -371,7 +373,7 @@ fn reliefs_are_those_of_gdaldem() {
         eprintln!("{style}: {others} of {} differ, by {most:?} at most", cells.len());
         assert!(most <= Some(1) && others * 1000 < cells.len(), "{style}");
     }
-    // Slopes and aspects are numbers: greys of 256 steps tell them to half a step.
+    // Slopes and aspects are numbers: 256 greys resolve them to half a grey.
     for (style, mode, options, step) in [
         (r##"{"draw": "slope", "ramp": "grey", "domain": [0, 51]}"##, "slope", &common[..], 0.2),
         (

@@ -5,13 +5,13 @@ use std::fs;
 
 use crate::common::command::{spinney, stderr, stdout};
 
-/// Boreholes on a grid of 5 x 5, with three heights.
+/// Returns boreholes on a grid of 5 x 5, with three heights.
 fn boreholes() -> String {
     let mut text = String::from("x,y,ground,coal,base\n");
     for row in 0..5 {
         for column in 0..5 {
             let (x, y) = (column * 10, row * 10);
-            // (The coal crops out where x is below 20: its top is above the ground.)
+            // The coal crops out where x is below 20: its top is above the ground.
             writeln!(text, "{x},{y},{},{},{}", 30 + x, 50, 0).unwrap();
         }
     }
@@ -33,7 +33,7 @@ fn points_become_rasters_and_layers() {
     assert_eq!(stdout(&["point", &raster, "15,15"]), "45\n");
     let lines = ["build", &wells, "-o", &raster, "--tin", "ground", "--cell", "1", "--breaklines", &faults];
     stdout(&lines);
-    // Nine tenths of the way to the line, whose height is 100.
+    // Nine tenths of the way to the line at height 100.
     let height: f64 = stdout(&["point", &raster, "20.5,4.9"]).trim().parse().unwrap();
     assert!((93.0..=97.0).contains(&height), "{height}");
     let told = stderr(
@@ -46,7 +46,7 @@ fn points_become_rasters_and_layers() {
         spinney(&["build", &wells, "-o", &layers, "--tin", "ground,coal,base", "--brep", "--outline", &area])
             .success(),
     );
-    // A wedge from x = 20 on, and all that is below the coal.
+    // A wedge from x = 20 on, and everything below the coal.
     assert!(told.contains("ground to coal: volume 4000, area 400"), "{told}");
     assert!(told.contains("coal to base: volume 40000, area 800") && told.contains("clipped"), "{told}");
     let told = stdout(&["stats", &layers]);

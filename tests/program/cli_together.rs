@@ -1,4 +1,4 @@
-//! Two files together: every operation over every kind of difference, and advice that works as it is printed.
+//! Two files: every operation with every kind of difference, and advice that works as printed.
 
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use crate::common::{Cells, options, write_cells};
 /// Cells along each axis of both files.
 const SIZE: [u64; 3] = [12, 10, 1];
 
-/// What all cells of the first file mean, and all of the second.
+/// The meaning of all cells of the first file, and of the second.
 const FIRST: f64 = 7.5;
 const SECOND: f64 = 24.0;
 
@@ -59,7 +59,7 @@ impl Uniform {
     }
 }
 
-/// Cells of `cell` metres whose first begins at a place.
+/// Returns a frame of cells of `cell` metres at a position.
 fn frame(cell: f64, x: f64, y: f64) -> Frame {
     Frame { crs: Some(Crs::epsg(32632)), ..Frame::planar([cell, 0.0, x, 0.0, -cell, y]) }
 }
@@ -75,7 +75,7 @@ impl Place {
         self.0.path().join(name)
     }
 
-    /// Runs the program in the directory: whether it succeeded, and what it said.
+    /// Runs the program in the directory. Returns whether it succeeded, and its messages.
     fn run(&self, arguments: &[&str]) -> (bool, String) {
         let output = command(arguments).current_dir(self.0.path()).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout) + String::from_utf8_lossy(&output.stderr);
@@ -89,7 +89,8 @@ impl Place {
         said
     }
 
-    /// What a file means at a place of the world, in metres if it is a length; `None` is VOID or outside.
+    /// Returns a file's value at a world position, in metres if it is a length; `None` is VOID or
+    /// outside.
     fn meaning(&self, name: &str, x: f64, y: f64) -> Option<f64> {
         let said = self.done(&["-q", "point", name, &format!("{x},{y}")]);
         let stored: f64 = said.trim().parse().ok()?;
@@ -100,7 +101,7 @@ impl Place {
     }
 }
 
-/// Words of a command as a shell reads them.
+/// Returns the words of a command as a shell parses them.
 fn words(command: &str) -> Vec<String> {
     let (mut found, mut word, mut quote) = (Vec::new(), None::<String>, None);
     for letter in command.chars() {
@@ -118,13 +119,14 @@ fn words(command: &str) -> Vec<String> {
     found
 }
 
-/// The commands of a message: the text between backticks that begins with the program's name.
+/// Returns the commands in a message: text in backticks that begins with the program's name.
 fn commands(message: &str) -> Vec<Vec<String>> {
     let quoted = message.split('`').skip(1).step_by(2);
     quoted.filter_map(|text| text.strip_prefix("spinney ")).map(words).collect()
 }
 
-/// The operations, as commands that read `a.goblin` and another file, and write `out.goblin` if they write a tree.
+/// The operations, as commands that read `a.goblin` and another file, and write `out.goblin` if
+/// they write a tree.
 const OPERATIONS: [&[&str]; 18] = [
     &["combine", "over", "a.goblin", "OTHER", "-o", "out.goblin"],
     &["combine", "union", "a.goblin", "OTHER", "-o", "out.goblin"],
@@ -146,8 +148,8 @@ const OPERATIONS: [&[&str]; 18] = [
     &["edit", "a.autumn", "add-layer", "OTHER", "second"],
 ];
 
-/// What an operation makes of both meanings where the first file alone is, where both are, and where the second alone is; `None` if that is not
-/// a number, or nothing is written.
+/// Returns an operation's results from both meanings: with only the first file, with both, and with
+/// only the second. `None` if the result is not a number, or nothing is written.
 fn expected(operation: &[&str]) -> Option<[Option<f64>; 3]> {
     let [a, b] = [Some(FIRST), Some(SECOND)];
     Some(match (operation[0], operation[1], operation.contains(&"--values")) {
@@ -210,7 +212,8 @@ fn every_operation_converts_every_difference_or_says_how() {
             let name = format!("{difference}, {}", operation.join(" "));
             let (mut is_done, mut said) = run(&with("b.goblin", &[]));
             if !is_done {
-                // What is said is done, again if there is more to do: commands make another second file, options are added.
+                // Follows the advice, repeatedly if necessary: commands make another second file,
+                // options are added.
                 let (mut other, mut option) = ("b.goblin".to_string(), Vec::new());
                 for _ in 0..3 {
                     let before = (other.clone(), option.len());
@@ -242,7 +245,7 @@ fn every_operation_converts_every_difference_or_says_how() {
                 continue;
             }
             let Some(expected) = expected(operation).filter(|_| *difference != "classes") else { continue };
-            // (Of calculations values are without a scale; numbers of both are those of the first's unit.)
+            // Calculated values have no scale; numbers of both are in the first file's unit.
             let places = [(500_005.0, 5_199_985.0), (500_095.0, 5_199_965.0), (500_135.0, 5_199_965.0)];
             for (expected, (x, y)) in expected.into_iter().zip(places) {
                 let found = place.meaning("out.goblin", x, y);
@@ -259,7 +262,8 @@ fn every_operation_converts_every_difference_or_says_how() {
     assert!(wrong.is_empty(), "{} are wrong:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// Advice of single commands: what fails, and what succeeds when all that the message says is done in its order.
+/// Advice for single commands: a command fails, and succeeds after the commands of the message are
+/// run in order.
 #[test]
 fn advice_is_a_command_that_works() {
     let place = Place::new();
@@ -278,7 +282,7 @@ fn advice_is_a_command_that_works() {
     std::fs::copy(fixture("island_classes.tif"), place.at("classes.tif")).unwrap();
     place.done(&["-q", "build", "classes.tif", "-o", "classes.goblin"]);
     place.done(&["-q", "convert", "dem.goblin", "dem.autumn"]);
-    // Zeros where a mask has nothing, and no VOID.
+    // Zeros outside of the mask, and no VOID.
     let bytes = [&b"P5 12 10 255\n"[..], &[0; 60], &[1; 60]].concat();
     std::fs::write(place.at("mask.pgm"), bytes).unwrap();
     let corners = "10,0,500000,0,-10,5200000";
@@ -326,7 +330,7 @@ fn advice_is_a_command_that_works() {
             &["manifest", "-o", "all.manifest.json", "dem.goblin", "OTHER.goblin"],
         ),
         (&["build", "tenths.vrt", "ones.vrt", "-o", "x.goblin"], &["verify", "both.goblin"]),
-        // (Of colours the first channel, of heights one that is all three.)
+        // The first channel for colours, the heights repeated in three channels for heights.
         (&["edit", "dem.autumn", "paste", "rgb.goblin"], &["info", "OTHER.goblin"]),
         (
             &["combine", "over", "rgb.goblin", "mask.goblin", "-o", "x.goblin"],
@@ -399,18 +403,18 @@ fn classes_are_matched_by_name() {
         .map(|(number, cells)| format!("{number}: {cells}"))
         .collect();
     assert_eq!(found, ["1: 120", "2: 120", "3: 120"]);
-    // By number, if that is asked for.
+    // By number, if requested.
     place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "out.goblin", "--classes", "number"]);
     let tree = spinney::open(place.at("out.goblin")).unwrap();
     assert_eq!(tree.statistics(None, &()).unwrap().classes, [(Number::from(1), 240)]);
-    // In an edited file new names come with the cells.
+    // In an edited file, new names are added with the cells.
     place.done(&["-q", "combine", "over", "a.goblin", "b.goblin", "-o", "land.autumn"]);
     place.done(&["-q", "transform", "c.goblin", "translate=0,0", "-o", "moved.goblin"]);
     place.done(&["edit", "land.autumn", "paste", "c.goblin", "--at", "3,2"]);
     let tree = spinney::open(place.at("land.autumn")).unwrap();
     assert_eq!(tree.metadata().class_names.values().collect::<Vec<_>>(), ["forest", "lake", "meadow"]);
     assert!(tree.statistics(None, &()).unwrap().classes.iter().any(|(number, _)| *number == Number::from(3)));
-    // A table of pairs has the first's numbers.
+    // A table of pairs uses the first file's numbers.
     place.done(&["-q", "edit", "land.autumn", "paste", "a.goblin"]);
     let table = place.done(&["-q", "combine", "cross", "land.autumn", "b.goblin", "--json"]);
     assert!(table.contains("\"second\":[2]") || table.contains("\"second\": [\n      2"), "{table}");
@@ -478,7 +482,7 @@ fn lengths_of_solids_are_converted() {
     assert!(place.done(&["diff", "m.goblin", "mm.goblin"]).contains("blocks     0,"));
 }
 
-/// Boxes on cells of other sizes and directions, against the volumes of formulas.
+/// Boxes on cells of other sizes and directions, against analytic volumes.
 #[test]
 fn solids_on_other_cells_are_combined() {
     let place = Place::new();
@@ -496,7 +500,7 @@ fn solids_on_other_cells_are_combined() {
         mean.channels[0].mean / 255.0 * mean.cells as f64 * cell
     };
     let (own, other) = (512.0, 8.2 * 8.0 * 8.0);
-    // What both have: x from 4.1 to 8, y from 1 to 8, z from 2 to 8.
+    // Their intersection: x from 4.1 to 8, y from 1 to 8, z from 2 to 8.
     let shared = 3.9 * 7.0 * 6.0;
     for second in ["b.goblin", "turned.goblin"] {
         for (operation, expected) in [
@@ -554,7 +558,7 @@ fn longitudes_go_round_the_world_once() {
     }
     place.done(&["-q", "combine", "over", "west.goblin", "east.goblin", "-o", "out.goblin"]);
     assert_eq!(spinney::open(place.at("out.goblin")).unwrap().header().extent, [36, 18, 1]);
-    // A part beyond the seam comes to lie next to the other.
+    // A window beyond the seam becomes adjacent to the other one.
     place.done(&["-q", "transform", "east.goblin", "window=30,0,6,18", "-o", "part.goblin"]);
     place.done(&["-q", "transform", "west.goblin", "window=18,0,6,18", "-o", "near.goblin"]);
     place.done(&["-q", "combine", "over", "near.goblin", "part.goblin", "-o", "out.goblin"]);

@@ -5,7 +5,7 @@ use std::fs;
 use crate::common::command::{complaint, spinney, stderr, stdout};
 use crate::common::mesh_file::read_ply;
 
-/// An array in which values go down from its middle, by 1 a cell.
+/// Returns an array in which values decrease from the centre by 1 per cell.
 fn ball() -> Vec<u8> {
     let header = "{'descr': '<f4', 'fortran_order': False, 'shape': (44, 36, 40), }";
     let mut bytes = b"\x93NUMPY\x01\0\x76\0".to_vec();

@@ -1,4 +1,4 @@
-//! Rasters on other grids of the world: `build --grid xyz`, and the steps `grid=` and `like=`.
+//! Rasters on other world grids: `build --grid xyz`, and the operations `grid=` and `like=`.
 
 use std::fs;
 use std::path::Path;
@@ -11,7 +11,7 @@ use crate::common::command::{command, spinney, stderr, stdout};
 const ELEVATION: &str = "fixtures/island_elevation.tif";
 const CLASSES: &str = "fixtures/island_classes.tif";
 
-/// A folder, and names in it.
+/// A directory, and names in it.
 struct Folder(tempfile::TempDir);
 
 impl Folder {
@@ -23,7 +23,7 @@ impl Folder {
         self.0.path().join(name).to_str().unwrap().into()
     }
 
-    /// A file built of an input.
+    /// Builds a file from an input.
     fn built(&self, input: &str, name: &str, options: &[&str]) -> String {
         let file = self.name(name);
         command(&["build", "-q", input, "-o", &file]).args(options).assert().success().stderr("");
@@ -39,7 +39,7 @@ impl Folder {
     }
 }
 
-/// All cells of a level that are not VOID, and where the first of them lies.
+/// Returns all cells of a level that are not VOID, and the position of the first.
 fn cells(tree: &Dataset, level: u8, part: &Bounds) -> (Vec<u8>, Vec<bool>) {
     let count = part.volume() as usize;
     let (mut bytes, mut valid) = (vec![0; count * tree.header().form.width()], vec![false; count]);
@@ -54,7 +54,7 @@ fn the_world_is_the_root() {
     assert_eq!(folder.files(), ["tiles.goblin"]);
     let tree = spinney::open(&file).unwrap();
     assert_eq!(web_mercator_depth(&tree.metadata().frame, tree.header().extent), Some(19));
-    // The tile of zoom 8 around the island is where its quadkey says.
+    // The tile of zoom 8 around the island has its expected quadkey.
     let native = spinney::open(folder.built(CLASSES, "native.goblin", &[])).unwrap();
     let [width, height, _] = native.header().extent;
     let middle = native.metadata().frame.to_world([width as f64 / 2.0, height as f64 / 2.0, 0.0]);
@@ -67,7 +67,7 @@ fn the_world_is_the_root() {
     let inside = tile.bounds(16);
     let (_, valid) = cells(&tree, 16, &inside);
     assert!(valid.contains(&true), "{}", tile.quadkey());
-    // And the next ones have nothing.
+    // Other tiles are empty.
     let far = Code::from_cell(Dimension::Quad, 8, [x + 5, y, 0]).unwrap().bounds(16);
     assert!(!cells(&tree, 16, &far).1.contains(&true));
     spinney(&["verify", &file]).success();
@@ -105,7 +105,7 @@ fn transform_and_build_share_the_warper() {
         for other in [&step, &like] {
             assert!(stdout(&["diff", "-q", &built, other]).contains("blocks     0,"), "{other}");
         }
-        // There and back: the island is where it was.
+        // Warping back: the island is at its old position.
         let back = folder.name("back.goblin");
         let like_step = format!("like={native},extent=a");
         command(&["transform", "-q", &built, &like_step, "--resampling", "nearest", "-o", &back])
@@ -156,12 +156,12 @@ fn what_cannot_be_placed_is_refused() {
     let message =
         stderr(spinney(&["build", CLASSES, "-o", &out, "--grid", "xyz", "--resampling", "area"]).failure());
     assert!(message.contains("nearest or majority"), "{message}");
-    // A picture without a place.
+    // An image without georeferencing.
     let message =
         stderr(spinney(&["build", "fixtures/island_rgb.png", "-o", &out, "--grid", "xyz"]).failure());
     assert!(message.contains("--crs EPSG:NUMBER"), "{message}");
     assert!(!Path::new(&out).exists() && folder.files().is_empty());
-    // Steps before it would be lost.
+    // Preceding operations would be lost.
     let native = folder.built(ELEVATION, "native.goblin", &[]);
     let message = stderr(spinney(&["transform", &native, "rotate=3", "grid=xyz", "-o", &out]).failure());
     assert!(message.contains("first step"), "{message}");
@@ -187,14 +187,14 @@ fn tiles_are_exported_from_any_grid() {
     let again = folder.name("again.pmtiles");
     spinney(&["export", "-q", &native, &again, "--threads", "3"]).success();
     assert!(fs::read(&archive).unwrap() == fs::read(&again).unwrap());
-    // A zoom at which the island is in a part of one tile.
+    // A zoom at which the island is within one tile.
     let pattern = folder.name("tiles/{z}/{x}/{y}.png");
     spinney(&["export", "-q", &native, &pattern, "--zoom", "0..2"]).success();
     for zoom in 0..3 {
         let columns = fs::read_dir(folder.name(&format!("tiles/{zoom}"))).unwrap().count();
         assert_eq!(columns, 1, "zoom {zoom}");
     }
-    // A part, in whatever coordinates: the western half of the island.
+    // A window in any coordinates: the western half of the island.
     let tiles = |name: &str, window: &[&str]| {
         let pattern = folder.name(&format!("{name}/{{z}}/{{x}}/{{y}}.png"));
         spinney(&[&["export", "-q", &native, &pattern, "--zoom", "13"], window].concat()).success();
@@ -217,7 +217,7 @@ fn tiles_are_exported_from_any_grid() {
     assert!(!Path::new(&folder.name("plain.pmtiles")).exists());
 }
 
-/// A tree of bytes with square cells of a width, whose corner is at these coordinates.
+/// Builds a tree of bytes with square cells, given its corner and cell width.
 fn raster(
     folder: &Folder,
     name: &str,
@@ -233,7 +233,7 @@ fn raster(
     folder.built(&picture, &format!("{name}.goblin"), &crs)
 }
 
-/// Keys' kernel with a = -0.5, at a distance.
+/// Returns Keys' kernel with a = -0.5, at a distance.
 fn keys(x: f64) -> f64 {
     match x.abs() {
         x if x < 1.0 => 1.5 * x.powi(3) - 2.5 * x.powi(2) + 1.0,
@@ -246,10 +246,10 @@ fn keys(x: f64) -> f64 {
 fn like_resamples_in_one_coordinate_system_by_each_method() {
     const SIDE: usize = 8;
     let folder = Folder::new();
-    // (Multiples of 64, so that linear interpolation between them gives integers.)
+    // Multiples of 64, so that linear interpolation gives integers.
     let cells: Vec<u8> = (0..SIDE * SIDE).map(|cell| (cell * cell * 7 % 4 * 64) as u8).collect();
     let here = raster(&folder, "here", SIDE, &cells, ([500_000.0, 5_000_000.0], 10.0));
-    // 16 x 16 cells, four on each of the source's along a side, from its third ones on.
+    // 16 x 16 cells, four per source cell along a side, starting at its third ones.
     let there = raster(&folder, "there", 16, &[1; 256], ([500_020.0, 4_999_980.0], 2.5));
     let value = |x: usize, y: usize| f64::from(cells[y * SIDE + x]);
     let by_kernel = |x: f64, y: f64, kernel: &dyn Fn(f64) -> f64| -> f64 {
@@ -279,7 +279,7 @@ fn like_resamples_in_one_coordinate_system_by_each_method() {
         let expected = by_kernel(x, y, &keys).clamp(0.0, 255.0);
         assert!((f64::from(*cubic) - expected).abs() <= 1.0, "{cubic} at {x}, {y} for {expected}");
     }
-    // Without an option by the file's rule, of which cells within one of the source's have its value.
+    // By default the file's rule applies, by which cells within one source cell have its value.
     assert_eq!(resampled(&[]), nearest);
     assert_eq!(resampled(&["--resampling", "area"]), nearest);
 }

@@ -1,4 +1,4 @@
-//! Integers of 64 bits through every door of the program: none goes through a floating number on its way.
+//! 64-bit integers in all commands: none is converted to floating point.
 
 use std::fs;
 use std::path::Path;
@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::common::command::{complaint, spinney, stdout};
 use crate::common::tiff_file::{Ifd, Values, file};
 
-/// Numbers that f64 cannot tell from their neighbours, row by row; the last is nodata.
+/// Numbers that are equal to their neighbours as f64, row by row; the last one is nodata.
 const NUMBERS: [u64; 12] = {
     const A: u64 = (1 << 63) + 3;
     [A, A, A + 1, A + 2, A, A, A - 1, u64::MAX, 0, 1, (1 << 53) + 1, u64::MAX - 1]
@@ -30,7 +30,7 @@ impl Folder {
     }
 }
 
-/// A TIFF file of 4 x 3 samples of 64 bits.
+/// Writes a TIFF file of 4 x 3 samples of 64 bits.
 fn tiff(path: &str, bytes: Vec<u8>, format: u16, nodata: &'static str) {
     let image = Ifd::grey(4, 3, bytes).short(258, &[64]).short(339, &[format]);
     fs::write(path, file(&[image.tag(42113, Values::Text(nodata))])).unwrap();
@@ -58,7 +58,7 @@ fn unsigned_numbers_come_back_from_pictures_points_and_searches() {
         let place = format!("{},{}", index % 4, index / 4);
         assert_eq!(stdout(&["point", "--in", "cells", &tree, &place]).trim(), expected);
     }
-    // Conditions tell neighbours apart.
+    // Conditions distinguish adjacent integers.
     let cells = |arguments: &[&str]| {
         let lines = stdout(&[&["find", &tree, "--json"][..], arguments].concat());
         let blocks = lines.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -78,7 +78,7 @@ fn unsigned_numbers_come_back_from_pictures_points_and_searches() {
     assert!(found.trim().ends_with(" 9223372036854775812"), "{found}");
     let found = json(&["find", &tree, "--class", "9223372036854775812", "--json"]);
     assert_eq!(found["value"], 9_223_372_036_854_775_812u64);
-    // Statistics, and what is known of the file.
+    // Statistics, and the file's metadata.
     let found = json(&["stats", &tree, "--json"]);
     assert_eq!((&found["channels"][0]["min"], &found["channels"][0]["max"]), (&0.into(), &u64::MAX.into()));
     let part = json(&["stats", &tree, "--window", "0,0,3,2", "--json"]);
@@ -92,7 +92,7 @@ fn unsigned_numbers_come_back_from_pictures_points_and_searches() {
 #[test]
 fn unsigned_numbers_come_back_from_files() {
     let folder = unsigned();
-    // (As classes: means could be any number, so that none would be free for VOID.)
+    // As classes: means could be any number, which would leave none free for VOID.
     let tree = folder.at("classes.goblin");
     spinney(&["-q", "build", &folder.at("u.tif"), "--kind", "categorical", "-o", &tree]).success();
     let expected: Vec<u8> = NUMBERS.iter().flat_map(|number| number.to_le_bytes()).collect();
@@ -101,10 +101,10 @@ fn unsigned_numbers_come_back_from_files() {
         assert!(folder.bytes(name).ends_with(&expected), "{name}");
     }
     assert!(String::from_utf8_lossy(&folder.bytes("a.npy")[..80]).contains("'<u8'"));
-    // Another number for VOID.
+    // Another nodata value.
     spinney(&["-q", "get", &tree, &folder.at("b.raw"), "--nodata", "9223372036854775809"]).success();
     assert_eq!(folder.bytes("b.raw")[88..], ((1u64 << 63) + 1).to_le_bytes());
-    // TIFF, and cloud-optimized, and from these again.
+    // TIFF, and cloud-optimized, and trees built from these.
     spinney(&["-q", "get", &tree, &folder.at("a.tif")]).success();
     spinney(&["-q", "export", &tree, &folder.at("c.tif")]).success();
     for name in ["a.tif", "c.tif"] {
@@ -115,7 +115,7 @@ fn unsigned_numbers_come_back_from_files() {
         assert_eq!(json(&["info", &again, "--json"])["nodata"], u64::MAX - 1, "{name}");
     }
     assert!(String::from_utf8_lossy(&folder.bytes("c.tif")).contains(">18446744073709551615</Item>"));
-    // Colours are for eyes; EXR has no such samples.
+    // PNG renders colours; EXR has no such samples.
     spinney(&["-q", "get", &tree, &folder.at("a.png")]).success();
     assert!(complaint(&["get", &tree, &folder.at("a.exr")], 1).contains("write .tif or .npy"));
 }
@@ -149,7 +149,7 @@ fn edits_and_classes_have_all_digits() {
         let said = complaint(&["edit", &file, "fill", "--window", "0,0,1,1", "--value", wrong], 1);
         assert!(said.contains("u64"), "{said}");
     }
-    // As classes, of which the names of one that i64 does not have is kept.
+    // As classes, keeping the name of one that exceeds i64.
     let sidecar = "<PAMDataset><PAMRasterBand band=\"1\"><GDALRasterAttributeTable>\
         <FieldDefn index=\"0\"><Name>V</Name><Type>1</Type><Usage>5</Usage></FieldDefn>\
         <FieldDefn index=\"1\"><Name>N</Name><Type>2</Type><Usage>2</Usage></FieldDefn>\
@@ -208,7 +208,8 @@ fn signed_numbers_of_all_widths_come_back() {
 
 #[test]
 fn means_of_large_numbers_that_are_alike_are_those_numbers() {
-    // Large areas of one number, and halves of two that differ by 2: through views, other grids and pictures of other sizes.
+    // Large areas of one number, and halves of two numbers that differ by 2: through views, other
+    // grids and images of other sizes.
     let folder = Folder(tempfile::tempdir().unwrap());
     let number = |x: usize| (1u64 << 63) + if x < 8 { 3 } else { 5 };
     let bytes: Vec<u8> = (0..16 * 16).flat_map(|index| number(index % 16).to_le_bytes()).collect();

@@ -1,4 +1,4 @@
-//! `stats --zones -o`: features as they came, joined with the statistics of the cells in them.
+//! `stats --zones -o`: unchanged features, joined with the statistics of their cells.
 
 use spinney::import::feature::FeatureOptions;
 use spinney::raw::import::feature::{Feature, FeatureAttribute, open_features};
@@ -9,7 +9,7 @@ const CLASSES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_clas
 const HEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_elevation.tif");
 const DISTRICTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/island_districts.geojson");
 
-/// Names of attributes, and the features.
+/// Returns the attribute names and the features.
 fn read(path: &str) -> (Vec<String>, Vec<Feature>) {
     let mut reader = open_features(path.as_ref(), &FeatureOptions::default()).unwrap();
     let mut features = Vec::new();
@@ -62,7 +62,7 @@ fn features_carry_the_answers() {
             }
         }
         if ending != "shp" {
-            // (Rings of shapefiles go the other way around.)
+            // Rings of shapefiles have reversed orientation.
             let geometry =
                 |features: &[Feature]| features.iter().map(|own| own.geometry.clone()).collect::<Vec<_>>();
             assert_eq!(geometry(&features), geometry(&came), "{ending}");
@@ -98,7 +98,8 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
     let place = |name: &str| names.iter().position(|own| own == name).unwrap();
     assert_eq!(features[1].attributes[place("mean_2")], FeatureAttribute::None);
     assert!(number(&features[2].attributes[place("mean_2")]) > 100.0);
-    // Where a format has no such ids they are an attribute; in batches, when memory has no room for all at once.
+    // Formats without such ids store them as an attribute; features are processed in batches if
+    // they exceed the memory limit.
     let output = at("out.gpkg");
     spinney(&["-q", "stats", &tree, "--zones", &zones, "-o", &output, "--memory", "1000"]).success();
     let (names, features) = read(&output);
@@ -115,7 +116,7 @@ fn all_features_are_kept_and_no_attribute_is_lost() {
     }
 }
 
-/// Losses of a shapefile are told, and so is the system that corners were said to be in.
+/// Losses of a shapefile are reported, and so is the coordinate system given for vertices.
 #[test]
 fn what_is_lost_is_told() {
     let folder = tempfile::tempdir().unwrap();
@@ -132,7 +133,7 @@ fn what_is_lost_is_told() {
     assert!(said.contains("texts that are cut to 254 bytes: 2"), "{said}");
     let said = asked(&at("z.gpkg"));
     assert!(!said.contains("cut") && !said.contains("other names"), "{said}");
-    // Corners that `--in` says to be in the tree's system are written as such.
+    // Vertices declared by `--in` to be in the tree's system are written as such.
     let value: serde_json::Value = serde_json::from_str(&text).unwrap();
     let mut unnamed = value.clone();
     unnamed.as_object_mut().unwrap().remove("crs");
@@ -145,7 +146,8 @@ fn what_is_lost_is_told() {
     assert_eq!(system(&output), system(DISTRICTS));
 }
 
-/// Squares in cells of a raster of 64 x 48: two that overlap in one feature, the same twice, and a bow tie.
+/// Squares in cells of a raster of 64 x 48: two that overlap in one feature, a duplicate, and a bow
+/// tie.
 const INVALID: &str = r#"{"type": "FeatureCollection", "features": [
     {"type": "Feature", "properties": {"v": 1}, "geometry": {"type": "MultiPolygon", "coordinates": [
         [[[0, 0], [10, 0], [10, 10], [0, 10], [0, 0]]], [[[5, 5], [15, 5], [15, 15], [5, 15], [5, 5]]]]}},
@@ -191,7 +193,8 @@ fn parts_that_overlap_are_united_and_rings_that_cross_are_even_odd_everywhere() 
     assert!((sum - 435.0).abs() < 1e-3, "{found}");
 }
 
-/// Eastings and northings in UTM zone 32 of longitude and latitude (WGS 84), by Krueger's series (L. Krueger 1912).
+/// Returns eastings and northings in UTM zone 32 of longitude and latitude (WGS 84), by Krueger's
+/// series (L. Krueger 1912).
 fn utm([longitude, latitude]: [f64; 2]) -> [f64; 2] {
     let flattening = 1.0 / 298.257223563;
     let n: f64 = flattening / (2.0 - flattening);
@@ -214,7 +217,7 @@ fn utm([longitude, latitude]: [f64; 2]) -> [f64; 2] {
     [500_000.0 + 0.9996 * radius * x, 0.9996 * radius * y]
 }
 
-/// Longitude and latitude of a position in UTM zone 32, by Newton's method.
+/// Returns longitude and latitude of a position in UTM zone 32, by Newton's method.
 fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
     let mut place = [9.0 + (x - 500_000.0) / 75_000.0, y / 111_200.0];
     for _ in 0..8 {
@@ -229,7 +232,7 @@ fn degrees([x, y]: [f64; 2]) -> [f64; 2] {
     place
 }
 
-/// The area of a ring, and of what of it (convex) lies in a box.
+/// Returns the area of a convex ring, and of its intersection with a box.
 fn areas(ring: &[[f64; 2]], [west, south, east, north]: [f64; 4]) -> [f64; 2] {
     let area = |ring: &[[f64; 2]]| {
         let [x, y] = ring.first().copied().unwrap_or_default();
@@ -254,7 +257,7 @@ fn areas(ring: &[[f64; 2]], [west, south, east, north]: [f64; 4]) -> [f64; 2] {
     [area(ring), area(&clipped)]
 }
 
-/// A raster of ones of 64 x 48 cells, with a frame.
+/// Builds a raster of ones of 64 x 48 cells, with a frame.
 fn ones(folder: &std::path::Path, crs: &str, transform: &str) -> String {
     let (raster, tree) = (folder.join("ones.pgm"), folder.join("ones.goblin"));
     std::fs::write(&raster, [&b"P5 64 48 255\n"[..], &[1; 64 * 48]].concat()).unwrap();
@@ -265,16 +268,19 @@ fn ones(folder: &std::path::Path, crs: &str, transform: &str) -> String {
 
 /// West, south, east and north.
 type Bounds = [f64; 4];
-/// Zones: their system as a member of GeoJSON, boxes, and the formula from there to a raster's coordinates.
+/// Zones: their coordinate system as a GeoJSON member, boxes, and the formula from there to a
+/// raster's coordinates.
 type ZonesOf<'z> = (&'z str, [Bounds; 5], fn([f64; 2]) -> [f64; 2]);
 
-/// Cells and what lies outside of zones in other coordinate systems are those of the formulas, to 0.5 %.
+/// Cells inside and outside of zones in other coordinate systems are those of the formulas, to 0.5
+/// %.
 #[test]
 fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name).to_str().unwrap().to_string();
     let zones = file("zones.geojson");
-    // Boxes in the coordinates of the zones: within the raster, partly outside, around it, wholly outside, and at a distance.
+    // Boxes in the coordinates of the zones: within the raster, partly outside, around it, entirely
+    // outside, and at a distance.
     let in_degrees = [
         [9.01, 48.01, 9.04, 48.03],
         [9.05, 48.02, 9.2, 48.1],
@@ -290,7 +296,8 @@ fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
         [620_000.0, 5_320_000.0, 640_000.0, 5_340_000.0],
         [300_000.0, 5_800_000.0, 400_000.0, 5_900_000.0],
     ];
-    // Of each raster its bounds and the area of a cell; of its zones their system, boxes and formula.
+    // For each raster its bounds and the area of a cell; for its zones their coordinate system,
+    // boxes and formula.
     let metres = ([low[0], high[1] - 4800.0, low[0] + 6400.0, high[1]], 1e4);
     let degrees_of_raster = ([9.0, 48.8 - 0.96, 9.0 + 1.28, 48.8], 4e-4);
     let declared = r#""crs":{"type":"name","properties":{"name":"EPSG:32632"}},"#;
@@ -320,7 +327,7 @@ fn what_lies_outside_of_zones_in_other_systems_is_what_formulas_say() {
         spinney(&[&["-q"], &command[..], &["-o", &table]].concat()).success();
         let (names, rows) = read(&table);
         for (index, bounds) in boxes.into_iter().enumerate() {
-            // Edges are straight in the zones' system: many vertices follow the curve.
+            // Edges are straight in the zones' system: many vertices approximate the curve.
             let vertices = ring(bounds);
             let edges = vertices.windows(2).flat_map(|ends| {
                 (0..400).map(|step| {
@@ -353,7 +360,7 @@ fn zones_of_octrees_have_volumes() {
     let (solid, tree, zones) = (file("box.csg"), file("box.goblin"), file("zones.geojson"));
     std::fs::write(&solid, "block(0,0,0, 4,4,3);\n").unwrap();
     spinney(&["-q", "build", &solid, "-o", &tree, "--cell", "0.25", "--unit", "m"]).success();
-    // Half of it, and as much beyond it: columns of 8 x 16 cells, 12 high.
+    // Half of it inside, and half outside: columns of 8 x 16 cells, 12 high.
     let ring = "[[-2,0],[2,0],[2,4],[-2,4],[-2,0]]";
     std::fs::write(&zones, format!(r#"{{"type":"FeatureCollection","crs":null,"features":[{{"type":"Feature","properties":{{}},"geometry":{{"type":"Polygon","coordinates":[{ring}]}}}}]}}"#)).unwrap();
     let asked = ["stats", &tree, "--zones", &zones, "--in", "world", "--edge", "area"];
@@ -384,7 +391,7 @@ fn zones_of_octrees_have_volumes() {
     let position = names.iter().position(|name| name == "volume_1");
     let position = position.unwrap_or_else(|| panic!("{names:?}"));
     assert_eq!(number(&rows[0].attributes[position]), 24.0);
-    // Degrees and heights have no unit in common.
+    // Degrees and heights have no common unit.
     let placed = file("placed.goblin");
     spinney(&["-q", "transform", &tree, "crs=EPSG:4326", "-o", &placed]).success();
     let text = stdout(&["stats", &placed, "--surface"]);
@@ -402,7 +409,7 @@ fn zones_of_octrees_have_volumes() {
     let asked = ["stats", &placed, "--zones", &zones, "--in", "world", "--edge", "area", "--json"];
     let json: serde_json::Value = serde_json::from_str(&stdout(&asked)).unwrap();
     assert!(json["zones"][0]["volume"].is_null() && json["zones"][0]["cells"] == 1536.0, "{json}");
-    // Of exact models, their objects, and layers between surfaces, too.
+    // The same for exact models, their objects, and layers between surfaces.
     let (cube, model, wells) = (file("cube.off"), file("cube.goblin"), file("wells.csv"));
     let vertices = "0 0 0\n4 0 0\n4 4 0\n0 4 0\n0 0 3\n4 0 3\n4 4 3\n0 4 3\n";
     let faces = "4 3 2 1 0\n4 4 5 6 7\n4 0 1 5 4\n4 1 2 6 5\n4 2 3 7 6\n4 3 0 4 7\n";

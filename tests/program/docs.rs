@@ -1,9 +1,10 @@
-//! The commands of the documents run as they are typed, and print what the pages say.
+//! The commands of the documents run as printed, with the documented output.
 //!
-//! All blocks marked `sh` in `README.md` and `docs/*.md` run in order, each page's in a folder of its own that has `fixtures`, and the
-//! program as `target/debug/spinney`. What follows a block as one marked `text` is what it prints, standard error
-//! included; `...` stands for anything within a line, and a line of it for any lines. `<!-- not run: REASON -->` before a block leaves it out.
-//! The first of the README's two commands that set everything up runs with the program that there is.
+//! All blocks marked `sh` in `README.md` and `docs/*.md` run in order, each page's in its own
+//! directory with `fixtures`, and the program as `target/debug/spinney`. A following block marked
+//! `text` is the expected output, including standard error; `...` matches anything within a line,
+//! and a line `...` matches any lines. `<!-- not run: REASON -->` before a block excludes it. The
+//! first of the README's two set-up commands runs with the existing program.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -13,7 +14,7 @@ use std::process::Command;
 use crate::common::command::command;
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
-/// Pages that have no commands of their own.
+/// Pages without commands.
 const WITHOUT: [&str; 9] = [
     "glossary.md",
     "c.md",
@@ -33,7 +34,7 @@ struct Block {
     output: Option<String>,
 }
 
-/// The kind of the block that begins at a line, and how many lines it has.
+/// Returns the kind of the block that begins at a line, and its number of lines.
 fn fenced<'a>(lines: &[&'a str], start: usize) -> Option<(&'a str, usize)> {
     let kind = lines.get(start)?.strip_prefix("```")?;
     let length =
@@ -41,7 +42,7 @@ fn fenced<'a>(lines: &[&'a str], start: usize) -> Option<(&'a str, usize)> {
     Some((kind, length))
 }
 
-/// The commands of a page that are to be run.
+/// Returns the commands of a page to be run.
 fn blocks(page: &str, text: &str) -> Vec<Block> {
     let lines: Vec<&str> = text.lines().collect();
     let text_of = |first: usize, length: usize| lines[first..first + length].join("\n");
@@ -86,7 +87,7 @@ fn blocks(page: &str, text: &str) -> Vec<Block> {
     found
 }
 
-/// Whether a line is what is expected, where `...` stands for anything.
+/// Returns whether a line matches the expected one, in which `...` matches anything.
 fn is_alike(expected: &str, line: &str) -> bool {
     let (expected, line) = (expected.trim_end(), line.trim_end());
     let Some((first, others)) = expected.split_once("...") else {
@@ -104,7 +105,8 @@ fn is_alike(expected: &str, line: &str) -> bool {
     })
 }
 
-/// Whether lines are those expected, where a line `...` stands for any number of lines.
+/// Returns whether lines match the expected ones, in which a line `...` matches any number of
+/// lines.
 fn are_alike(expected: &[&str], lines: &[&str]) -> bool {
     match expected.split_first() {
         None => lines.is_empty(),
@@ -117,7 +119,7 @@ fn are_alike(expected: &[&str], lines: &[&str]) -> bool {
     }
 }
 
-/// Runs a page's commands; tells what is wrong.
+/// Runs a page's commands. Returns the failures.
 fn run(page: &Path) -> Vec<String> {
     let name = page.strip_prefix(ROOT).unwrap().display().to_string();
     let blocks = blocks(&name, &fs::read_to_string(page).unwrap());
@@ -151,7 +153,7 @@ fn run(page: &Path) -> Vec<String> {
     wrong
 }
 
-/// The README, and the pages that it leads to.
+/// Returns the README, and the pages that it links to.
 fn pages() -> Vec<PathBuf> {
     let folder = fs::read_dir(Path::new(ROOT).join("docs")).unwrap();
     let mut pages: Vec<PathBuf> = folder.map(|entry| entry.unwrap().path()).collect();

@@ -1,5 +1,5 @@
-//! Pictures that somebody sees first, of fixtures, as they were when somebody looked at them. Where they change, and that is meant,
-//! the new ones are looked at and put in `fixtures/first_look/`.
+//! Images of fixtures, compared with reviewed ones. After an intended change, review the new images
+//! and copy them to `fixtures/first_look/`.
 
 use std::path::Path;
 
@@ -8,7 +8,7 @@ use spinney::raw::import::raster::{self, Pixels};
 
 use crate::common::command::{command, stdout};
 
-/// Columns, rows and samples of a picture.
+/// Returns the columns, rows and samples of an image.
 fn picture(path: &Path) -> ([u64; 2], Vec<u8>) {
     let mut raster = raster::open(path, &Default::default()).unwrap();
     let mut pixels = Pixels::default();
@@ -34,7 +34,7 @@ fn pictures_are_those_that_were_looked_at() {
         let (size, samples) = picture(Path::new(&out));
         let (wanted_size, wanted) = picture(&Path::new("fixtures/first_look").join(file));
         assert_eq!((size, samples.len()), (wanted_size, wanted.len()), "{file}");
-        // (Another processor may round another way.)
+        // Other processors may round differently.
         let sum: u64 = samples.iter().zip(&wanted).map(|(a, b)| u64::from(a.abs_diff(*b))).sum();
         let mean = sum as f64 / samples.len() as f64;
         assert!(mean < 0.5, "{file}: differs by {mean} on average");
@@ -53,7 +53,7 @@ fn terminals_show_what_is_there() {
             text.lines().count() >= rows && text.lines().all(|line| line.chars().count() <= 50),
             "{text}"
         );
-        // (No terminal: no colours.)
+        // Without a terminal there are no colours.
         assert!(!text.contains('\u{1b}'), "{text}");
     }
 }

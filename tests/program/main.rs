@@ -1,4 +1,4 @@
-//! The `spinney` program, as people run it.
+//! The `spinney` program, from the user's side.
 
 #[path = "../common/mod.rs"]
 mod common;

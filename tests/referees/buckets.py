@@ -34,14 +34,14 @@ REGION = "eu-north-1"
 
 
 def run(*words: str | Path, code: int = 0, **environment: str) -> str:
-    """What the program prints, or says if it fails."""
+    """Returns the program's output, or its messages on failure."""
     done = subprocess.run([PROGRAM, *map(str, words)], capture_output=True, text=True, env={**os.environ, **environment})
     assert done.returncode == code, (words, done.returncode, done.stderr)
     return done.stderr if code else done.stdout
 
 
 class SlowProxy:
-    """Hands bytes on to a server, those to it slowly."""
+    """Forwards bytes to a server and back, slowly towards the server."""
 
     def __init__(self, port: int) -> None:
         self.to, self.listener = port, socket.create_server(("127.0.0.1", 0))
@@ -105,7 +105,7 @@ def main() -> None:
     assert objects() == [f"folder/{name}" for name in ("classes.goblin", "elevation.goblin", "history.autumn")]
 
     with tempfile.TemporaryDirectory() as folder:
-        # A large one, in parts.
+        # A large one, as a multipart upload.
         noise = Path(folder) / "noise.npy"
         np.save(noise, np.random.default_rng(1).integers(0, 255, (256, 300, 300), dtype=np.uint8))
         near = Path(folder) / "noise.goblin"
@@ -122,7 +122,7 @@ def main() -> None:
         assert cells[0].read_bytes() == cells[1].read_bytes()
         assert int(told.stderr.split(", ")[-1].split()[0]) < 8 << 20, told.stderr
 
-        # One that is interrupted leaves nothing.
+        # An interrupted upload leaves no object.
         proxy = SlowProxy(port)
         slow = {**os.environ, "AWS_ENDPOINT_URL": f"http://127.0.0.1:{proxy.port}"}
         process = subprocess.Popen(
@@ -139,7 +139,7 @@ def main() -> None:
         print(f"interrupted: {time.monotonic() - began:.1f} s")
         assert "never.goblin" not in objects() and not uploads()
 
-    # What has no keys, or wrong ones, is refused, and says so.
+    # Missing or invalid keys are rejected with a message.
     settings.INITIAL_NO_AUTH_ACTION_COUNT = 0
     refused = run("info", "s3://maps/folder/classes.goblin", code=1)
     assert "403" in refused and "s3://maps/folder/classes.goblin" in refused, refused

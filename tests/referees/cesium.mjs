@@ -1,8 +1,10 @@
-// 3D Tiles in CesiumJS, in a headless Chromium: all tiles that the view asks for load, coarse ones before fine ones.
+// 3D Tiles in CesiumJS, in a headless Chromium: all tiles that the view requests load, coarse ones
+// before fine ones.
 //
-//     NODE_FOLDER=FOLDER node tests/referees/cesium.mjs CHROMIUM FOLDER_OF_A_TILESET [PICTURE.png]
+//     `NODE_FOLDER=PACKAGES node tests/referees/cesium.mjs CHROMIUM TILESET [SCREENSHOT.png]`
 //
-// NODE_FOLDER has the package cesium. The picture is what is seen in the end.
+// `NODE_FOLDER` contains the package cesium, TILESET is a directory. SCREENSHOT.png is an image of
+// the final view.
 
 import assert from 'node:assert/strict';
 import { spawn } from 'node:child_process';
@@ -26,7 +28,7 @@ window.onunhandledrejection = ({ reason }) => { told.failed.push(String(reason))
   scene.backgroundColor = Cesium.Color.WHITE;
   const tileset = await Cesium.Cesium3DTileset.fromUrl('/tiles/tileset.json', { maximumScreenSpaceError: 2 });
   tileset.tileLoad.addEventListener(({ content }) => {
-    // (Subtrees are contents, too.)
+    // Subtrees are contents, too.
     const level = /content.([0-9]+)/.exec(content.url ?? '');
     if (level) told.levels.push(Number(level[1]));
   });
@@ -69,7 +71,8 @@ const told = await new Promise((resolve, reject) => {
   });
   const profile = fs.mkdtempSync(path.join(os.tmpdir(), 'chromium-'));
   let browser;
-  // Processes that the browser has started may write a little longer than it lives; what stays then is a temporary folder.
+  // Child processes of the browser may still write after it ends; what remains then is a temporary
+  // directory.
   const remove = (times) => {
     try {
       fs.rmSync(profile, { recursive: true, force: true });

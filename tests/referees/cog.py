@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Cloud-optimized GeoTIFF as rio-cogeo, rasterio and GDAL's driver read it, against `spinney get` of every level.
+"""Cloud-optimized GeoTIFF as rio-cogeo, rasterio and GDAL's driver read it, against `spinney get`
+of every level.
 
-    python tests/referees/cog.py PATH/TO/spinney FOLDER
+    python tests/referees/cog.py PATH/TO/spinney DIRECTORY
 
-Needs rio-cogeo (and with it rasterio and NumPy). Fails at the first thing that is not as it should be.
+Needs rio-cogeo (and with it rasterio and NumPy). Fails at the first difference.
 """
 
 import pathlib
@@ -24,7 +25,7 @@ def run(*words):
 
 
 def made(name, array, nodata=None, colours=None, *options):
-    """A tree of an array, placed in Switzerland."""
+    """Builds a tree of an array, located in Switzerland."""
     if array.ndim == 2:
         array = array[None]
     source, tree = folder / f"{name}_in.tif", folder / f"{name}.goblin"
@@ -49,7 +50,7 @@ def check(tree, *options):
         factors = file.overviews(1)
         for band in file.indexes:
             assert "STATISTICS_MEAN" in file.tags(band), tree
-        # What rasterio reckons from the samples is what the tree says.
+        # Rasterio's statistics of the samples equal the tree's.
         cells = file.read(1, masked=True)
         if cells.count():
             assert float(file.tags(1)["STATISTICS_MINIMUM"]) == cells.min(), tree
@@ -93,7 +94,7 @@ check(made("wide", classes[:7, :]), "--compression", "none")
 check(made("dot", classes[:1, :1]))
 for name in ["classes", "elevation", "rgb"]:
     check(pathlib.Path(shutil.copy(fixtures / f"{name}.goblin", folder / f"fixture_{name}.goblin")))
-# Every number in use, and VOID: masks.
+# Every value occurs, and VOID: masks.
 full = made("full", (rows * 31 + columns * 17).astype("uint8"), None, None, "--rule", "majority")
 edited = folder / "full.autumn"
 run("transform", full, "-o", edited)

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Labels of components against SciPy's, and sieved maps against those of gdal_sieve.
+"""Component labels against SciPy's, and sieved maps against those of gdal_sieve.
 
-    python tests/referees/components.py PATH/TO/spinney FOLDER
+    python tests/referees/components.py PATH/TO/spinney DIRECTORY
 
-Needs NumPy and SciPy; without gdal_sieve.py, or without SciPy, it says what is skipped. SciPy labels one class after the other, in rows; labels are compared as parts of
-the map, and then by the order in which their first cells come along the Z curve. gdal_sieve gives each small polygon to the neighbour that was the largest before any was
-given away, so that maps are compared in which no two small ones touch. Fails at the first map that differs.
+Needs NumPy and SciPy; without gdal_sieve.py or SciPy, it reports what is skipped. SciPy labels one
+class at a time, in rows; labels are compared as partitions of the map, and then by the order of
+their first cells along the Z curve. gdal_sieve merges each small polygon into the neighbour that
+was the largest before any merge, so the compared maps have no small polygons that touch. Fails at
+the first map that differs.
 """
 
 import pathlib
@@ -30,7 +32,7 @@ def spinney(*arguments):
 
 
 def z_order(shape):
-    """The place of each cell along the Z curve."""
+    """Returns the index of each cell along the Z curve."""
     order = np.zeros(shape, np.uint64)
     for axis, numbers in enumerate(reversed(np.indices(shape, dtype=np.uint64))):
         for bit in range(12):
@@ -39,7 +41,7 @@ def z_order(shape):
 
 
 def expected_labels(cells, neighbours):
-    """Labels by SciPy, 0 for VOID, numbered by their first cells along the Z curve."""
+    """Returns labels by SciPy, 0 for VOID, numbered by their first cells along the Z curve."""
     reach = 1 if neighbours in (4, 6) else cells.ndim
     near = ndimage.generate_binary_structure(cells.ndim, reach)
     labels, count = np.zeros(cells.shape, np.int64), 0
@@ -61,7 +63,7 @@ def built(cells):
 
 
 def made(tree, *steps, options=()):
-    """The file that steps make of a tree."""
+    """Returns the file that operations make of a tree."""
     result = folder / "result.goblin"
     spinney("transform", tree, *steps, "-o", result, *options)
     return result
@@ -74,7 +76,7 @@ def cells_of(tree):
 
 
 def blobs(random, shape, classes):
-    """Patches of classes with noise in some parts, and VOID."""
+    """Returns patches of classes with some noise, and VOID."""
     smooth = ndimage.gaussian_filter(random.normal(size=shape), random.integers(1, 12))
     cells = np.digitize(smooth, np.quantile(smooth, np.linspace(0, 1, classes + 2)[1:-1])).astype(np.uint8)
     noise = ndimage.gaussian_filter(random.normal(size=shape), 20) > 0
@@ -105,7 +107,8 @@ if not shutil.which("gdal_sieve.py") or not shutil.which("gdal_translate"):
 for seed in range(8):
     shape = tuple(random.integers(200, 700, 2))
     squares = np.kron(random.integers(1, 5, (14, 14)), np.ones((50, 50), int))[: shape[0], : shape[1]].astype(np.uint8)
-    # Specks of up to 3 x 3 cells of a class of their own, none of which touch, nor the border of a square.
+    # Specks of up to 3 x 3 cells, each of its own class, that touch neither each other nor the
+    # border of a square.
     for y, x in np.argwhere(random.random((700 // 10, 700 // 10)) < 0.5) * 10 + 3:
         if y + 4 < shape[0] and x + 4 < shape[1]:
             squares[y : y + random.integers(1, 4), x : x + random.integers(1, 4)] = 9

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Contour lines against those of gdal_contour, segment by segment.
 
-    python tests/referees/contours.py PATH/TO/spinney FOLDER
+    python tests/referees/contours.py PATH/TO/spinney DIRECTORY
 
-Needs GDAL's programs, without which it says that it is skipped. GDAL joins the lines through a saddle always in one way, whatever the mean of the four
-values is: in such squares only the number of segments is compared. Fails at the first picture that differs.
+Needs GDAL's programs; without them it reports that it is skipped. GDAL joins the lines through a
+saddle always in the same way, whatever the mean of the four values is: in such squares only the
+number of segments is compared. Fails at the first raster that differs.
 """
 
 import collections
@@ -23,7 +24,7 @@ VOID = -9999
 
 
 def picture(seed, longest):
-    """Noise, at times with holes, in float so that no value is that of a level."""
+    """Noise, sometimes with holes, in float so that no value equals a level."""
     noise = random.Random(seed)
     size = [noise.randrange(2, longest), noise.randrange(2, 60)]
     width, height = size if seed % 2 else size[::-1]
@@ -33,7 +34,8 @@ def picture(seed, longest):
 
 
 def segments(path, rows):
-    """Segments in squares without a saddle, and how many are in each of the others."""
+    """Returns the segments in squares without a saddle, and the number of segments in each of the
+    others."""
     plain, saddles = collections.Counter(), collections.Counter()
     for row in csv.DictReader(open(path, newline="")):
         value, text = float(row["value"]), row["WKT"]
@@ -45,7 +47,7 @@ def segments(path, rows):
             corners = [rows[y][x] if 0 <= y < len(rows) and 0 <= x < len(rows[0]) else VOID
                        for x, y in [(column, line), (column + 1, line), (column + 1, line + 1), (column, line + 1)]]
             high = [corner >= value for corner in corners]
-            # (A quarter of a square with a void corner may be a saddle, too.)
+            # A quarter of a square with a VOID corner may be a saddle, too.
             if VOID in corners and corners.count(VOID) == 1 or high[0] == high[2] != high[1] == high[3]:
                 saddles[value, column, line] += 1
             else:
@@ -67,7 +69,7 @@ def compare(seed, longest=400):
     subprocess.run(["gdal_contour", "-q", "-i", "1", "-a", "value", *csv_options, source, theirs], check=True)
     (mine, saddles), (other, other_saddles) = segments(ours, rows), segments(theirs, rows)
     count = sum(mine.values())
-    # (Places that are rounded to either side, and points closer than a tenth of a millimetre.)
+    # Allows positions rounded to either side, and points closer than a tenth of a millimetre.
     differ = sum(((mine - other) + (other - mine)).values())
     assert differ <= 2 + count / 1000, f"{seed}: {differ} of {count} segments differ"
     wrong = sum(((saddles - other_saddles) + (other_saddles - saddles)).values())
@@ -87,7 +89,8 @@ def formats(seed):
             read.unlink(missing_ok=True)
             subprocess.run([program, "-q", "contours", tree, "--every", "1", "-o", ours, *options], check=True)
             subprocess.run(["ogr2ogr", "-q", "-f", "CSV", "-lco", "GEOMETRY=AS_WKT", "-lco", "SEPARATOR=COMMA", read, ours], check=True)
-            # (Several parts of one ring each are one polygon for shapefiles' readers; their rings begin where they like.)
+            # Shapefile readers take several parts of one ring each as one polygon, whose rings
+            # begin anywhere.
             numbers = re.compile(r"-?[0-9.]+(?:e-?[0-9]+)?")
             points = lambda row: sorted({tuple(round(float(number), 4) for number in numbers.findall(point)) for point in row["WKT"].split(",")})
             value = lambda row: tuple(round(float(row[name]), 6) for name in row if name in ("value", "min", "max") and row[name])

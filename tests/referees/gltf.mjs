@@ -1,8 +1,10 @@
-// 3D Tiles and binary glTF as readers in JavaScript see them: gltf-validator, 3d-tiles-tools, loaders.gl.
+// 3D Tiles and binary glTF as JavaScript readers see them: gltf-validator, 3d-tiles-tools,
+// loaders.gl.
 //
-//     NODE_FOLDER=FOLDER node tests/referees/gltf.mjs FOLDER_OF_A_TILESET... MODEL.glb...
+//     `NODE_FOLDER=PACKAGES node tests/referees/gltf.mjs TILESET... MODEL.glb...`
 //
-// NODE_FOLDER has the packages. A tileset X is compared with X.meshopt beside it, if there is one; of single models the validator is asked.
+// `NODE_FOLDER` contains the packages. TILESET is a directory. A tileset X is compared with a sibling X.meshopt, if it
+// exists; single models are only validated.
 
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
@@ -38,7 +40,7 @@ async function traverse(folder) {
   await new TilesetTraverser('.', resolver).traverse(json, async (traversed) => {
     const tile = traversed.asFinalTile();
     const parent = traversed.getParent()?.asFinalTile();
-    // (The tile that tells of the implicit ones is the first of them, too.)
+    // The tile that declares the implicit tiling is also the first implicit tile.
     if (tile.implicitTiling) return true;
     if (parent && !parent.implicitTiling) assert.equal(parent.geometricError, 2 * tile.geometricError);
     for (const content of traversed.getFinalContents()) {
@@ -56,7 +58,7 @@ async function triangles(file) {
   const found = [];
   for (const node of gltf.nodes.filter((node) => node.mesh)) {
     const { attributes, indices } = node.mesh.primitives[0];
-    // Strides are wider than elements where those are not multiples of four bytes.
+    // Strides are larger than elements whose size is not a multiple of four bytes.
     const at = (attribute, vertex) => {
       const { value, components, bytesPerElement, bytesPerComponent } = attribute;
       const stride = (attribute.bufferView?.byteStride ?? bytesPerElement) / bytesPerComponent;
@@ -116,7 +118,7 @@ for (const folder of process.argv.slice(2).filter((name) => !models.includes(nam
   for (const file of files) {
     const all = await triangles(path.join(folder, file));
     count += all.length;
-    // Boxes have axes along those of the tileset; contents are as long as their root's matrix says.
+    // Boxes are parallel to the tileset's axes; contents have the scale of their root's matrix.
     const gltf = await parse(fs.readFileSync(path.join(folder, file)), GLTFLoader, { worker: false });
     const unit = gltf.json.nodes[0].matrix[0];
     const box = contents.get(file);

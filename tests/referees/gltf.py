@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Octrees as 3D Tiles and binary glTF, as programs of other people see them: trimesh; in JavaScript gltf-validator, 3d-tiles-tools, loaders.gl
-and CesiumJS.
+"""Octrees as 3D Tiles and binary glTF, as other programs see them: trimesh; in JavaScript
+gltf-validator, 3d-tiles-tools, loaders.gl and CesiumJS.
 
     tests/referees/gltf.py PATH/TO/spinney
 
-Needs Python with numpy and trimesh. With node, the folder that NODE_FOLDER names has the packages for gltf.mjs beside this file; with
-the package cesium and chromium cesium.mjs takes part as well.
+Needs Python with numpy and trimesh. With node, gltf.mjs in this directory is run with the packages
+in the directory NODE_FOLDER; with the package cesium and chromium, cesium.mjs is run as well.
 """
 
 import json
@@ -30,7 +30,7 @@ def spinney(*arguments):
 
 
 def placed(file):
-    """The mesh of a file in the coordinates of its scene."""
+    """Returns the mesh of a file in scene coordinates."""
     return trimesh.load(file, force="mesh", process=False)
 
 
@@ -42,7 +42,7 @@ def check_volume(mesh, expected, tolerance, what):
 
 def main():
     work = Path(tempfile.mkdtemp())
-    # Two bodies, of 64 cells and more, so that they are cut by tiles.
+    # Two solids, of 64 cells and more, so that tile borders cut them.
     ball = trimesh.creation.icosphere(subdivisions=5, radius=40.0)
     ball.apply_translation([45.3, 50.1, 44.7])
     box = trimesh.creation.box(extents=[20.0, 61.0, 33.0])
@@ -70,7 +70,7 @@ def main():
     print("binary glTF: trimesh finds both bodies in their place")
 
     sets = []
-    # A coarse cell of parts is solid if anything is in it.
+    # A coarse cell of parts is solid if any of its cells is.
     for name, options, tolerance in [("shape", ["--smooth"], 0.02), ("parts", [], 0.05)]:
         folder = work / f"{name}-tiles"
         spinney("export", work / f"{name}.goblin", folder / "tileset.json", *options)
@@ -82,7 +82,7 @@ def main():
         for level in range(levels):
             files = sorted((folder / "content" / str(level)).glob("*/*/*.glb"))
             mesh = trimesh.util.concatenate([placed(file) for file in files])
-            # From y upwards, as glTF has it, to z upwards, and to the world.
+            # From y upwards, as in glTF, to z upwards, and to world coordinates.
             z_up = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1.0]])
             mesh.apply_transform(transform @ z_up)
             check_volume(mesh, volume, tolerance * 2 ** (levels - 1 - level), f"{folder.name}, level {level}")

@@ -1,10 +1,13 @@
 #!/usr/bin/env python3
-"""Set operations of polygons (`combine`) against GEOS, by shapely 2: real and difficult pairs, and generated layers.
+"""Set operations of polygons (`combine`) against GEOS, by shapely 2: real and difficult pairs, and
+generated layers.
 
-    python tests/referees/overlay.py PATH/TO/spinney FOLDER
+    python tests/referees/overlay.py PATH/TO/spinney DIRECTORY
 
-Needs shapely and NumPy; without them it says so and ends. Polygons that are not valid are made so by their lines (even and odd) for GEOS. Results must be valid, and differ from
-those of GEOS by no more area than the grid may change, times a few for what GEOS rounds itself. Fails at the first one that does not.
+Needs shapely and NumPy; without them it reports so and ends. For GEOS, invalid polygons are made
+valid by their lines (even-odd). Results must be valid, and may differ from those of GEOS by the
+area that the grid may change, times a small factor for GEOS's own rounding. Fails at the first one
+that does not.
 """
 
 import json
@@ -48,17 +51,17 @@ def combined(operation, *paths, options=()):
 
 
 def valid(geometries):
-    """What is in any of some polygons, by an even or odd number of rings."""
+    """Returns the union of polygons, each by the even-odd rule."""
     made = [shapely.make_valid(own, method="linework") for own in geometries]
     return shapely.union_all([shapely.unary_union([part for part in shapely.get_parts(own) if part.area > 0]) for own in made])
 
 
 def closed(geometry):
-    """A geometry whose rings are closed."""
+    """Returns a geometry with closed rings."""
     def ring(points):
         return points if points[0] == points[-1] else [*points, points[0]]
     polygons = geometry["coordinates"] if geometry["type"] == "MultiPolygon" else [geometry["coordinates"]]
-    # (Each polygon is a part of its own: what two of them cover is in both.)
+    # Each polygon is a separate part: the overlap of two is in both.
     return [shapely.Polygon(ring(rings[0]), [ring(hole) for hole in rings[1:]]) for rings in polygons if rings and rings[0]]
 
 
@@ -122,7 +125,7 @@ def layers():
                 wanted = [index + 1 for index, other in enumerate(all_own) if other.covers(place)]
                 names = [int(text) for text in (own[key] or "").split(",") if text]
                 if options and names != wanted:
-                    continue  # (On a wide grid a small part may lie beside where it was.)
+                    continue  # On a coarse grid a small part may be displaced by more than its size.
                 assert names == wanted, (round, names, wanted)
     print("layers of polygons, and all their parts")
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Tiles as readers of other people see them: the `pmtiles` packages for Python and JavaScript, SQLite, GDAL.
+"""Tiles as other readers see them: the `pmtiles` packages for Python and JavaScript, SQLite, GDAL.
 
     tests/referees/tiles.py PATH/TO/spinney
 
-Needs Python with numpy, pillow and pmtiles. What else is there takes part: node with the package `pmtiles` (in the folder that
-NODE_FOLDER names), GDAL's programs.
+Needs Python with numpy, pillow and pmtiles. Optional: node with the package `pmtiles` (in the
+directory NODE_FOLDER), GDAL's programs.
 """
 
 import io
@@ -59,13 +59,14 @@ def spinney(*words):
 
 
 def world(folder):
-    """A map of classes of the world as a tree whose root is the world, made without GDAL: noise, patches, and a hole."""
+    """Builds a map of classes of the world as a tree with the world as its root, without GDAL:
+    noise, patches, and a hole."""
     random = np.random.default_rng(3)
     cells = np.repeat(np.repeat(random.integers(1, 7, (64, 64), np.uint8), SIDE // 64, 0), SIDE // 64, 1)
     cells[:600, :700] = random.integers(1, 7, (600, 700), np.uint8)
     cells[1024:, 1024:] = 0
     cells[1024:, :1024] = 5
-    # A TIFF file of one strip, with a palette and a place: as few tags as will do.
+    # A TIFF file of one strip, with a palette and a frame, and as few tags as possible.
     tags, behind = [], b""
     start = 8 + cells.size
     palette = np.array([(number * 40 % 256, 255 - number, number * 97 % 256) for number in range(256)], np.uint16)
@@ -99,7 +100,7 @@ def pixels(data):
 
 
 def expected(folder, tree, z, x, y):
-    """What `get` draws of a tile's node."""
+    """Returns what `get` draws for a tile's node."""
     picture = folder / "part.png"
     side = SIDE >> z
     spinney("get", tree, picture, "--window", f"{x * side},{y * side},{side},{side}", "--level", str(z + 8))

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
 """Warped rasters against GDAL's warper, cell by cell.
 
-    python tests/referees/warp.py PATH/TO/spinney FOLDER
+    python tests/referees/warp.py PATH/TO/spinney DIRECTORY
 
-Needs rasterio (and with it NumPy), and GDAL's programs, without which it says that it is skipped. Cells of the target are smaller than those of the source, so that GDAL's kernels are not
-stretched. Fails at the first raster that differs.
+Needs rasterio (and with it NumPy), and GDAL's programs, without which it reports that it is
+skipped. Target cells are smaller than source cells, so that GDAL's kernels are not stretched. Fails
+at the first raster that differs.
 """
 
 import math
@@ -29,7 +30,8 @@ def run(*words):
 
 
 def compare(name, crs, place, zoom, kind="int16", told=None):
-    """A raster of noise over waves, warped by both; `told` is the system for us, if the file is to have none."""
+    """Compares a raster of noise over waves, warped by both; `told` is our coordinate system, if
+    the file is to have none."""
     rows, columns = numpy.mgrid[0:150, 0:200]
     noise = numpy.random.default_rng(7).integers(0, 400, rows.shape)
     values = (2000 * numpy.sin(columns / 17) * numpy.cos(rows / 23) + noise).astype(kind)
@@ -60,11 +62,11 @@ def compare(name, crs, place, zoom, kind="int16", told=None):
         with rasterio.open(warped) as file:
             theirs = file.read(1)
         differ = numpy.abs(ours.astype(numpy.int64) - theirs)
-        # (At ties of rounding a ten-thousandth of a cell decides.)
+        # At rounding ties a ten-thousandth of a cell decides.
         share = numpy.count_nonzero(differ) / differ.size
         inside = numpy.minimum(ours, theirs) > -32768
         assert share < 5e-3, f"{name} {way}: {share:.2%} of {differ.size} cells differ"
-        # (At the raster's border the same decides which cells a kernel has.)
+        # At the raster's border the same decides which cells a kernel has.
         apart = numpy.count_nonzero(differ[inside] > 1)
         assert way == "nearest" or apart <= 2, f"{name} {way}: {apart} cells by up to {differ[inside].max()}"
         assert inside.any()
@@ -81,8 +83,8 @@ compare("turned", "EPSG:3035", Affine(25, 9, 4321000, 8, -25, 3210000), 13)
 compare("polar", "EPSG:3413", Affine(1000, 0, -900000, 0, -1000, -1200000), 6)
 compare("swiss", "EPSG:2056", Affine(100, 0, 2600000, 0, -100, 1200000), 11)
 
-# Systems without a number: user-defined keys as GDAL writes them into the file, at a longitude and a latitude. (Not gnomonic, which PROJ before
-# 9.2 has for spheres alone.)
+# Coordinate systems without an EPSG code: user-defined keys as GDAL writes them into the file, at a
+# longitude and a latitude. (Not gnomonic, which PROJ before 9.2 supports only on spheres.)
 BESSEL = "+ellps=bessel +towgs84=598.1,73.7,418.2,0.202,0.045,-2.455,6.7"
 DEFINED = {
     "transverse_mercator": ("+proj=tmerc +lat_0=49 +lon_0=11.3 +k=0.99985 +x_0=300000 +y_0=10 " + BESSEL, 11, 50),

@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
-"""Statistics of zones (`stats --zones`) against exactextract, by exact area, and against masks of rasterio, by centre: generated pictures and zones.
+"""Statistics of zones (`stats --zones`) against exactextract, by exact area, and against rasterio
+masks, by centre: generated rasters and zones.
 
-    python tests/referees/zones.py PATH/TO/spinney FOLDER
+    python tests/referees/zones.py PATH/TO/spinney DIRECTORY
 
-Needs exactextract, rasterio and NumPy; without them it says so and ends. Parts of cells are those of exactextract; measures are its own and those that NumPy makes
-of its parts. Its median and quantiles weigh parts of cells in another way: they must lie within a cell of those here, which are held to their definition
-in docs/maps.md. Fails at the first one that does not.
+Needs exactextract, rasterio and NumPy; without them it reports so and ends. Cell fractions are
+those of exactextract; measures are its own and those that NumPy computes from the fractions. Its
+median and quantiles weigh fractions differently: they must be within a cell of ours, which are
+checked against their definition in docs/maps.md. Fails at the first one that does not.
 """
 
 import json
@@ -33,7 +35,7 @@ MEASURES = "count,void,outside,sum,min,max,mean,std,majority,minority,variety,me
 
 
 def pictures():
-    """Heights, few whole numbers, and classes; each with some cells VOID."""
+    """Returns heights, few integers, and classes; each with some cells VOID."""
     y, x = np.mgrid[:ROWS, :COLUMNS]
     smooth = 300 * np.sin(x / 31) * np.cos(y / 23) + rng.normal(0, 20, x.shape)
     blocks = rng.integers(0, 9, (ROWS // 5 + 1, COLUMNS // 5 + 1)).repeat(5, 0).repeat(5, 1)[:ROWS, :COLUMNS]
@@ -63,7 +65,8 @@ def box(west, south, east, north):
 
 
 def zones():
-    """Polygons of all sizes: also smaller than a cell, with holes, of several parts, along the cells' sides, and across the picture's edge."""
+    """Returns polygons of all sizes: also smaller than a cell, with holes, of several parts, along
+    the cells' sides, and across the raster's edge."""
     width, height = COLUMNS * CELL, ROWS * CELL
     made = []
     for number in range(120):
@@ -96,7 +99,8 @@ def near(found, wanted, what, bound=1e-9):
 
 
 def quantile(values, weights, level):
-    """With all values in order, each as long as its cells are many: the mean of what lies between q (n - 1) and one cell more."""
+    """Lays out all values in order, each as long as its weight in cells; returns the mean from q (n
+    - 1) to one cell further."""
     ends = np.cumsum(weights)
     start = level * max(ends[-1] - 1, 0)
     stop = min(start + 1, ends[-1])
@@ -105,7 +109,7 @@ def quantile(values, weights, level):
 
 
 def bracket(values, weights, level):
-    """Least and greatest value within two cells of a quantile's place."""
+    """Returns the minimum and maximum value within two cells of a quantile's position."""
     ends = np.cumsum(weights)
     place = level * ends[-1]
     inside = (ends >= place - 2) & (ends - weights <= place + 2)
@@ -113,7 +117,8 @@ def bracket(values, weights, level):
 
 
 def check(name, edge, number, zone, values, weights, own=None):
-    """Holds a zone to the values of its cells, with the part of each that is inside, and to what exactextract says itself."""
+    """Checks a zone against its cells' values and inside fractions, and against exactextract's own
+    results."""
     what = (name, edge, number)
     values, weights = values[weights > 0].astype(float), weights[weights > 0]
     count = weights.sum()
@@ -138,7 +143,7 @@ def check(name, edge, number, zone, values, weights, own=None):
     distinct, inverse = np.unique(values, return_inverse=True)
     cells = np.bincount(inverse, weights)
     assert channel["variety"] == len(distinct), (*what, "variety", channel["variety"], len(distinct))
-    # (Of values that are as frequent the least one; sums of parts are rounded.)
+    # The smallest of tied values; sums of fractions are rounded.
     for measure, most in (("majority", cells.max()), ("minority", cells.min())):
         equal = distinct[np.abs(cells - most) <= 1e-6]
         assert channel[measure] in equal, (*what, measure, channel[measure], equal)
@@ -146,7 +151,8 @@ def check(name, edge, number, zone, values, weights, own=None):
     quantiles = {float(level): found for level, found in channel["quantiles"].items()}
     steps = np.diff(distinct).max(initial=0)
     for level in LEVELS:
-        # (A place at the end of a value may lie on either side of it, by as little as parts are off.)
+        # A position at the end of a value may be on either side of it, within the error of the
+        # fractions.
         near(quantiles[level], quantile(values, weights, level), (*what, "quantile", level), 1e-6 * max(steps, 1) + 1e-7)
     if zone["classes"]:
         assert [own["value"] for own in zone["classes"]] == distinct.tolist(), (*what, "classes")
@@ -166,7 +172,8 @@ def check(name, edge, number, zone, values, weights, own=None):
             for level, theirs in [(0.5, own["median"]), (0.25, own["quantile_25"]), (0.9, own["quantile_90"])]:
                 low, high = bracket(values, weights, level)
                 assert low - 1e-9 * scale <= quantiles[level] <= high + 1e-9 * scale, (*what, "bracket", level)
-                # (Between two values of many cells each it finds others, and of whole numbers only whole ones.)
+                # Between two values of many cells each it finds others, and for integers only
+                # integers.
                 at = np.searchsorted(distinct, [low, high])
                 low, high = distinct[max(at[0] - 1, 0)], distinct[min(at[1] + 1, len(distinct) - 1)]
                 assert low - 1e-9 * scale <= theirs <= high + 1e-9 * scale, (*what, "exactextract", level, theirs, low, high)

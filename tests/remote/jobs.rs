@@ -1,4 +1,4 @@
-//! Jobs, pictures and outputs elsewhere.
+//! Remote jobs, rasters and outputs.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +21,7 @@ fn spec(url: &str) -> JobSpec {
     JobSpec::Pictures { inputs: vec![url.into()], options: ImportOptions::new() }
 }
 
-/// The file that is built of a picture in one go.
+/// Returns the file built from a raster in a single process.
 fn whole(url: &str, folder: &Path) -> Vec<u8> {
     let path = folder.join("whole.goblin");
     let mut options = ImportOptions::new();
@@ -31,7 +31,7 @@ fn whole(url: &str, folder: &Path) -> Vec<u8> {
     std::fs::read(path).unwrap()
 }
 
-/// Builds a job, and puts it together on this machine.
+/// Builds a job, and merges it on this machine.
 fn make(job: &Path, folder: &Path) -> Result<Vec<u8>> {
     let merged = folder.join("merged.goblin");
     for number in 0..Job::open_with(job, &access())?.shards() {
@@ -72,7 +72,7 @@ fn pictures_that_hosts_do_not_give_are_told() {
     let server = server();
     let folder = tempfile::tempdir().unwrap();
     let url = server.put("told/classes.tif", picture("island_classes.tif"));
-    // What a host does wrong for a while does no harm. (Nothing is known of a file with another query.)
+    // Temporary faults of a host are tolerated. Nothing is cached of a file with another query.
     for (number, fault) in [Fault::Busy(2), Fault::CutBodies(2)].into_iter().enumerate() {
         let (url, job) = (format!("{url}?{number}"), folder.path().join(format!("{number}")));
         server.set_fault(fault);
@@ -94,7 +94,7 @@ fn pictures_that_hosts_do_not_give_are_told() {
     };
     assert!(matches!(fails(&server, "forbidden", Fault::Forbidden), Error::Io { .. }));
     assert!(matches!(fails(&server, "changed", Fault::Changes(0)), Error::PlanMismatch { .. }));
-    // Files beside a picture that nobody may read are not there.
+    // Unreadable sidecars count as missing.
     assert!(!is_there(&format!("{}/told/none.prj", server.address)));
     let gone = plan(
         &spec(&format!("{}/told/none.tif", server.address)),

@@ -1,4 +1,4 @@
-//! Files on web servers and in buckets: what servers do wrong, and what comes of it.
+//! Files on web servers and in buckets: server faults and their effects.
 
 mod jobs;
 mod outages;
@@ -24,13 +24,13 @@ fn server() -> MutexGuard<'static, Server> {
     server
 }
 
-/// The access of all tests but those that make their own.
+/// The access of all tests that do not create their own.
 fn access() -> FileAccess {
     static ACCESS: LazyLock<FileAccess> = LazyLock::new(new_access);
     ACCESS.clone()
 }
 
-/// An access with a client, and caches, of its own.
+/// Returns an access with its own client and caches.
 fn new_access() -> FileAccess {
     let mut options = RemoteOptions::default();
     options.timeout = Duration::from_secs(5);
@@ -39,7 +39,7 @@ fn new_access() -> FileAccess {
     FileAccess::new().remote(client(options).unwrap())
 }
 
-/// Puts a frozen file on the server, by a name of the test's own: what was opened lately counts as open.
+/// Puts a frozen file on the server under a name of this test: recently opened files count as open.
 fn put(server: &Server, test: &str, name: &str) -> String {
     server.put(&format!("{test}/{name}"), std::fs::read(fixture(name)).unwrap())
 }
@@ -52,7 +52,7 @@ fn opened(url: &str) -> Result<Dataset> {
     open(Path::new(url), &access().into())
 }
 
-/// All cells of a picture.
+/// Returns all cells of a raster.
 fn cells(tree: &Dataset) -> Result<Vec<u8>> {
     let bounds = tree.header().picture();
     let mut values = vec![0; bounds.volume() as usize * tree.header().form.width()];
@@ -87,7 +87,7 @@ fn files_of_all_kinds_are_read() {
     let point = [1.0, 1.0, 1.0];
     assert_eq!(far.locate(point).unwrap(), near.locate(point).unwrap());
     assert_eq!(far.nearest(point).unwrap(), near.nearest(point).unwrap());
-    // (A file elsewhere that is on this machine.)
+    // A file URL on this machine.
     let url = format!("file://{}", fixture("classes.goblin"));
     assert!(
         cells(&opened(&url).unwrap()).unwrap()
@@ -149,13 +149,13 @@ fn servers_that_cannot_be_used_are_reported() {
     let empty = server.put("empty.goblin", Vec::new());
     assert!(opened(&empty).is_err());
     assert!(opened("http://127.0.0.1:1/x.goblin").is_err());
-    // Other files than trees are not read from elsewhere, and say so.
+    // Remote Autumnal files cannot be edited, and the error says so.
     let history = put(&server, "edited", "history.autumn");
     let edited = spinney::edit::Editor::open(Path::new(&history), 1 << 20).err().unwrap();
     assert!(matches!(&edited, Error::Unsupported { .. }), "{edited}");
 }
 
-/// Bytes of two states are never one answer.
+/// Bytes of two versions are never mixed in one result.
 #[test]
 fn a_file_that_changes_is_an_error() {
     let server = server();
@@ -165,7 +165,7 @@ fn a_file_that_changes_is_an_error() {
         let url = server.put(&format!("changes{after}.goblin"), bytes.clone());
         server.set_fault(Fault::Changes(after));
         let mut has_failed = false;
-        // (Layers are read one after the other, so that some come before the change.)
+        // Layers are read one by one, so that some are read before the change.
         for layer in 0..3 {
             let tree = opened(&url).and_then(|tree| tree.layer(&layer.to_string()));
             match tree.and_then(|tree| cells(&tree)) {
@@ -187,7 +187,7 @@ fn what_was_read_is_held() {
     let url = put(&server, "held", "stack.goblin");
     let first = cells(&opened(&url).unwrap()).unwrap();
     assert!(server.take_counts().0 > 0);
-    // The same file again, by another handle: its state is looked at, its bytes are here.
+    // The same file with another handle: its version is checked, its bytes are cached.
     std::thread::sleep(Duration::from_millis(1100));
     assert!(cells(&opened(&url).unwrap()).unwrap() == first);
     let (requests, _) = server.take_counts();
@@ -203,13 +203,13 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
         .unwrap();
     let copy = opened(url).unwrap();
     assert!(cells(&copy).unwrap() == cells(&opened(&fixture("segments.goblin")).unwrap()).unwrap());
-    // One that is dropped has never been.
+    // A dropped output never existed.
     let url = "memory:///folder/dropped.goblin";
     let mut output = access().create(Path::new(url)).unwrap();
     std::io::Write::write_all(&mut output, b"half").unwrap();
     drop(output);
     assert!(opened(url).is_err());
-    // A history is begun once.
+    // A history is created once.
     let url = "memory:///folder/map.autumn";
     let made = |url: &str| {
         let mut output = access().create(Path::new(url)).unwrap();
@@ -227,7 +227,7 @@ fn outputs_are_uploaded_whole_or_not_at_all() {
     assert!(Output::resumable(Path::new(url)).is_err());
 }
 
-/// The program, if it was built to read files elsewhere.
+/// Runs the program, if it was built with remote files.
 fn program(arguments: &[&str]) -> Option<std::process::Output> {
     let output = Command::cargo_bin("spinney").unwrap().args(arguments).output().unwrap();
     let text = String::from_utf8_lossy(&output.stderr);
@@ -269,7 +269,7 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
             let [far, near] =
                 ["far", "near"].map(|name| std::fs::read(folder.path().join(format!("{name}.{ending}"))));
             if let (Ok(far), Ok(near)) = (far, near) {
-                // (Trees have the name of what they were made of.)
+                // Trees store the name of their source.
                 let is_same = far == near || ending == "goblin" && far.len().abs_diff(near.len()) < 100;
                 assert!(is_same, "{arguments:?}");
             }
@@ -287,7 +287,7 @@ fn the_program_reads_urls_wherever_it_reads_a_file() {
     assert_eq!(cells_of_box(&url), cells_of_box(&near));
 }
 
-/// Requests and bytes that a run of the program reports.
+/// Returns the requests and bytes that a run of the program reports.
 fn requests_of(arguments: &[&str]) -> Option<[u64; 2]> {
     let output = program(&[&["-v"], arguments].concat())?;
     let text = String::from_utf8(output.stderr).unwrap();

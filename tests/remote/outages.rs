@@ -1,4 +1,4 @@
-//! Hosts that fail or hang while a file's type is found out: an error, and no other type of file.
+//! Hosts that fail or hang during detection of a file's type: an error, and not another file type.
 
 use std::time::Duration;
 
@@ -34,7 +34,7 @@ fn outages_are_errors_of_the_first_request() {
             let expected = if number == 0 { ["500", "--remote-timeout"] } else { ["--remote-timeout"; 2] };
             let is_reported = expected.iter().any(|word| text.contains(word));
             assert!(text.contains(&url) && is_reported, "{fault:?}, {arguments:?}: {text}");
-            // (Two ends of one file, each tried again five times at most.)
+            // Two ends of one file, each retried at most five times.
             let (requests, _) = server.take_counts();
             assert!(requests <= 12, "{fault:?}, {arguments:?}: {requests} requests");
             server.set_fault(Fault::None);
@@ -81,7 +81,7 @@ fn remote_and_external_files_are_refused_where_that_is_asked_for() {
         run(&["-q", "--no-external", "build", &name(file), "-o", &out], Some("--no-external"));
     }
     run(&["-q", "--no-external", "stats", &listed], Some("--no-external"));
-    // What has its own data is read, as are these where they are trusted.
+    // Files with their own data are read, and so are these if they are trusted.
     run(&["-q", "--no-external", "--no-remote", "stats", &tree], None);
     run(&["-q", "stats", &listed], None);
     run(&["-q", "build", &name("x.nhdr"), "-o", &out], None);

@@ -1,4 +1,4 @@
-//! Signatures and passwords in URLs: sent to the host that they are for, and neither shown nor stored nor sent anywhere else.
+//! Signatures and passwords in URLs are sent to their host only, and neither shown nor stored.
 
 use std::path::Path;
 
@@ -14,7 +14,7 @@ fn raster() -> Vec<u8> {
     std::fs::read(format!("{}/fixtures/island_elevation.tif", env!("CARGO_MANIFEST_DIR"))).unwrap()
 }
 
-/// Whether a file, or one in a directory, has a secret in it or in its name.
+/// Returns whether a file, or one in a directory, has a secret in its contents or name.
 fn leaks(path: &Path) -> bool {
     let is_named = path.to_string_lossy().contains("SECRET");
     let below = std::fs::read_dir(path).into_iter().flatten().any(|entry| leaks(&entry.unwrap().path()));
@@ -74,7 +74,7 @@ fn no_command_shows_or_stores_the_secrets_of_a_url() {
     let name = |name: &str| folder.path().join(name).display().to_string();
     program(&["--cache", &name("cache"), "stats", &tree]).unwrap();
     assert!(!leaks(folder.path()));
-    // Who has the URLs reads what names them without their queries.
+    // With the URLs, files that name them without their queries can be read.
     let (urls, job, merged) = (name("urls"), name("job"), name("merged.goblin"));
     std::fs::write(&urls, format!("{tree}\n\n{tif}\n")).unwrap();
     for arguments in [
@@ -103,7 +103,7 @@ fn other_hosts_get_neither_referer_nor_password() {
         let tree = spinney::raw::dataset::open(Path::new(&url), &new_access().into()).unwrap();
         super::cells(&tree).unwrap();
     }
-    // (Base64 of `us@er:SECRETPW`, and no user in the line of the request.)
+    // Base64 of `us@er:SECRETPW`, and no user in the request line.
     let heads = first.take_heads();
     assert!(!heads.is_empty());
     for head in heads {
@@ -136,6 +136,6 @@ fn urls_without_their_secrets_are_completed_or_refused() {
     server.take_heads();
     opened_with(FileAccess::new().remote(client(options).unwrap())).unwrap();
     assert!(server.take_heads().iter().all(|head| head.contains("?sig=1 ")));
-    // What differs in its query alone is another file still.
+    // URLs that differ only in their query are different files.
     assert!(opened(&format!("{url}?v=1")).is_ok() && opened(&url).is_ok());
 }

@@ -1,4 +1,4 @@
-//! A web server for the tests: files in memory, ranges, counts, and all that can go wrong.
+//! A web server for the tests: files in memory, ranges, counts, and faults.
 
 use std::collections::HashMap;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -11,25 +11,25 @@ use std::time::Duration;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Fault {
     None,
-    /// So many requests are answered by "500", each anew.
+    /// Responds with status 500 to this many requests.
     Busy(usize),
-    /// Bodies end before their time, so many times.
+    /// Truncates this many bodies.
     CutBodies(usize),
-    /// Ranges are ignored.
+    /// Ignores ranges.
     NoRanges,
-    /// The length that it tells is not that of the range.
+    /// Reports a length that differs from the range.
     WrongLength,
-    /// Says that bytes are compressed.
+    /// Claims that bytes are compressed.
     Compresses,
-    /// Sends to the file of another name.
+    /// Redirects to the file of another name.
     Redirects,
-    /// Sends to another host, without a query: `localhost` at this port.
+    /// Redirects to another host, without a query: `localhost` at this port.
     Leaves(u16),
-    /// Other bytes, of another tag, after so many requests.
+    /// Serves other bytes, with another tag, after this many requests.
     Changes(usize),
-    /// No answer for a while.
+    /// Delays responses.
     Slow(Duration),
-    /// Nobody may read it.
+    /// Denies access.
     Forbidden,
 }
 
@@ -48,7 +48,7 @@ struct State {
 }
 
 impl Server {
-    /// A server that runs as long as the process.
+    /// Starts a server that runs as long as the process.
     pub(crate) fn start() -> Server {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("http://{}", listener.local_addr().unwrap());
@@ -69,7 +69,7 @@ impl Server {
         Server { address, state }
     }
 
-    /// Puts a file there; returns its URL.
+    /// Adds a file. Returns its URL.
     pub(crate) fn put(&self, name: &str, bytes: Vec<u8>) -> String {
         self.state.files.lock().unwrap().insert(format!("/{name}"), Arc::new(bytes));
         format!("{}/{name}", self.address)
@@ -80,19 +80,19 @@ impl Server {
         *self.state.fault.lock().unwrap() = fault;
     }
 
-    /// Heads of requests since the last time.
+    /// Returns heads of requests since the last call.
     pub(crate) fn take_heads(&self) -> Vec<String> {
         std::mem::take(&mut *self.state.heads.lock().unwrap())
     }
 
-    /// Requests and bytes since the last time.
+    /// Returns requests and bytes since the last call.
     pub(crate) fn take_counts(&self) -> (usize, u64) {
         (self.state.requests.swap(0, Ordering::SeqCst), self.state.bytes.swap(0, Ordering::SeqCst))
     }
 }
 
 impl State {
-    /// Answers requests of a connection until there are no more.
+    /// Serves requests of a connection until it ends.
     fn serve(&self, stream: TcpStream) {
         let _ = stream.set_nodelay(true);
         let mut reader = BufReader::new(stream.try_clone().unwrap());
@@ -105,7 +105,7 @@ impl State {
         }
     }
 
-    /// Answers a request; nothing if the connection is to be closed.
+    /// Responds to a request. Returns `None` if the connection is to be closed.
     fn answer(
         &self,
         out: &mut TcpStream,
@@ -176,7 +176,7 @@ impl State {
 /// The path of a request, whether its response has a body, and its range.
 type Request = (bool, String, Option<String>);
 
-/// The head of the next request, with header fields in small letters, and its contents.
+/// Reads the head of the next request, with header fields in lower case, and its contents.
 fn request(reader: &mut BufReader<TcpStream>) -> Option<(String, Request)> {
     let mut line = String::new();
     reader.read_line(&mut line).ok().filter(|read| *read > 0)?;

@@ -1,9 +1,9 @@
-//! Answers: those that the program gives to the same questions.
+//! Responses equal the program's output for the same queries.
 
 use super::common::command::stdout;
 use super::{Server, fixture, island};
 
-/// Runs the program with files of a folder; gives what it prints.
+/// Runs the program with files of a directory. Returns its output.
 fn program(folder: &tempfile::TempDir, arguments: &[&str]) -> String {
     let path = |word: &&str| match word.ends_with(".goblin") || word.contains(".autumn") {
         true => folder.path().join(word).to_str().unwrap().to_owned(),
@@ -41,7 +41,7 @@ fn what_is_served_is_told() {
     for target in ["/a/b", "/point", "/point/classes/1", "/tiles", "/favicon.ico", "/nothing"] {
         server.get(target).complaint(404);
     }
-    // A file that comes later is there as well.
+    // A file added later is served as well.
     std::fs::copy(fixture("v1/rgb.goblin"), folder.path().join("new.goblin")).unwrap();
     server.get("/new.goblin").good();
     server.get("/window/new?format=webp").good();
@@ -213,7 +213,8 @@ fn zones_are_those_of_the_program() {
         assert_eq!(answer.header("content-type"), Some("application/json"));
         assert_eq!(String::from_utf8(answer.good()).unwrap(), expected, "{file} {query}");
     }
-    // A polygon in degrees, partly outside of a raster in metres; and a column of an octree, which has a volume.
+    // A polygon in degrees, partly outside of a raster in metres; and a column of an octree, which
+    // has a volume.
     let lonlat = "[[[-17.2,28.7],[-17,28.7],[-17,28.9],[-17.2,28.9],[-17.2,28.7]]]";
     let column = "[[[0,0],[9,0],[9,9],[0,9],[0,0]]]";
     for (file, ring, query, arguments) in [
@@ -233,7 +234,7 @@ fn zones_are_those_of_the_program() {
         assert!(file == "ball" || zone["outside_cells"].as_f64().unwrap() > 0.0, "{zone}");
         assert_eq!(zone.get("volume").is_some(), file == "ball", "{zone}");
     }
-    // Corners may be as far away as numbers go.
+    // Vertices may have any finite coordinates.
     let far = br#"{"type":"Polygon","coordinates":[[[0,0],[1e308,1e308],[-1e308,1e308],[0,0]]]}"#;
     for edge in ["centre", "touch", "area"] {
         let answer = server.post(&format!("/zonal/history?edge={edge}&crs=cells"), far);

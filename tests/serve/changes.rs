@@ -1,4 +1,4 @@
-//! Files that change while they are served, and the server's end.
+//! Files that change while they are served, and the server's shutdown.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,23 +14,23 @@ use super::common::command::interruptible;
 use super::common::{made, options, quad, write_cells};
 use super::{Server, fixture, island};
 
-/// Cells a side of the files that change.
+/// Cells per side of the changing files.
 const SIDE: u64 = 64;
 
-/// A file all of whose cells have one value.
+/// Writes a file with one value in all cells.
 fn write_version(path: &Path, number: u8) {
     let cells = made(quad(SampleType::U8, 1), [SIDE, SIDE, 1], |_| Some(Value::from([number])));
     write_cells(path, &cells, &options(Rule::Majority, DataKind::Categorical, cells.depth()));
 }
 
-/// Gives all cells of a file that is edited one value.
+/// Sets all cells of an edited file to one value.
 fn edit_version(path: &Path, number: u8) {
     let region = FillRegion::Box(Bounds::picture([SIDE, SIDE, 1]));
     let edit = Edit::Fill(region, Some(vec![number.into()]));
     spinney::edit::edit(path, [Ok(edit)], Note::default(), 16 << 20, &()).unwrap();
 }
 
-/// The one value that all cells of a window have, of an answer as JSON.
+/// Returns the one value of all cells of a window, from a JSON response.
 fn value_of(answer: &serde_json::Value) -> u64 {
     let rows = answer["values"].as_array().unwrap();
     let all: Vec<u64> =
@@ -49,7 +49,7 @@ fn files_are_published_and_edited_while_they_are_read() {
     write_version(&edited, 0);
     let server = Server::start(folder.path(), &["--timeout", "60"]);
     let (is_over, asked) = (AtomicBool::new(false), AtomicUsize::new(0));
-    // Bytes of published files by their tags: equal tags are equal bytes.
+    // Bytes of published files by their tags: equal tags imply equal bytes.
     let tags: Mutex<HashMap<String, Vec<u8>>> = Mutex::default();
     std::thread::scope(|scope| {
         for number in 0..64 {
@@ -90,7 +90,7 @@ fn files_are_published_and_edited_while_they_are_read() {
                 std::thread::sleep(Duration::from_millis(1));
             }
         }
-        // What was made last is there for who asks now.
+        // The newest version is served now.
         for name in ["published", "edited"] {
             assert_eq!(
                 value_of(&server.get(&format!("/window/{name}?format=json")).json()),
@@ -100,14 +100,14 @@ fn files_are_published_and_edited_while_they_are_read() {
         is_over.store(true, Ordering::Relaxed);
     });
     assert!(tags.into_inner().unwrap().len() > 1);
-    // Commits of before are there, too: the first is the file as it was made.
+    // Older commits are available, too: the first is the original file.
     for number in [0, 1, 50] {
         let target = format!("/window/edited?format=json&commit={}", number + 1);
         assert_eq!(value_of(&server.get(&target).json()), number);
     }
 }
 
-/// Whether somebody answers. (Threads that have failed ask no more.)
+/// Returns whether the server responds. Failed threads send no more requests.
 fn scope_is_alive(server: &Server) -> bool {
     server.connect().get("/healthz").is_ok_and(|answer| answer.status == 200)
 }
@@ -126,7 +126,7 @@ fn removed_files_are_gone_and_come_again() {
     assert_eq!(ask(), [404; 3]);
     std::fs::copy(folder.path().join("heights.goblin"), &path).unwrap();
     assert_eq!(ask(), [200; 3]);
-    // One that is no tree any more is told of, and is there again when it is.
+    // A file that is no longer a tree is reported, and served again when it is one.
     std::fs::write(folder.path().join("new"), b"no tree").unwrap();
     std::fs::rename(folder.path().join("new"), &path).unwrap();
     let [file, point, window] = ask();
@@ -148,7 +148,7 @@ fn files_that_are_cut_short_end_nothing() {
             let (server, is_over) = (&server, &is_over);
             scope.spawn(move || {
                 while !is_over.load(Ordering::Relaxed) {
-                    // (A file whose bytes are gone is an answer that ends before its time.)
+                    // If a file's bytes are gone, the response is truncated.
                     if let Ok(answer) = server.connect().get(target) {
                         assert!(matches!(answer.status, 200 | 500 | 503), "{target}: {answer:?}");
                     }
@@ -156,7 +156,7 @@ fn files_that_are_cut_short_end_nothing() {
             });
         }
         for part in [1000, bytes.len() / 2, 0, bytes.len() - 1] {
-            // In its place, as `cp` does.
+            // Overwritten in place, as `cp` does.
             std::fs::write(&path, &bytes[..part]).unwrap();
             std::thread::sleep(Duration::from_millis(30));
             std::fs::write(&path, &bytes).unwrap();
@@ -194,11 +194,11 @@ fn a_server_ends_in_good_order() {
                         });
                         match asked {
                             Ok(Ok(answer)) => {
-                                // An answer that has begun is whole.
+                                // A response that has begun is completed.
                                 answer.good();
                                 answered.fetch_add(1, Ordering::Relaxed);
                             }
-                            // Nobody was let in, or nothing had been read of the request.
+                            // The connection was rejected, or closed before its request was read.
                             _ => {
                                 refused.fetch_add(1, Ordering::Relaxed);
                                 break;

@@ -1,4 +1,4 @@
-//! A client with nothing in it: what it sends and what it gets are to be seen.
+//! A minimal client that exposes what it sends and receives.
 
 use std::io::{self, BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -10,7 +10,7 @@ pub(crate) struct Connection {
     reader: BufReader<TcpStream>,
 }
 
-/// An answer, all of it.
+/// A complete response.
 #[derive(Debug)]
 pub(crate) struct Response {
     pub(crate) status: u16,
@@ -26,7 +26,7 @@ impl Connection {
         Connection { address: address.into(), reader: BufReader::new(stream) }
     }
 
-    /// Sends bytes as they are.
+    /// Sends raw bytes.
     pub(crate) fn send(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.reader.get_mut().write_all(bytes)
     }
@@ -53,7 +53,7 @@ impl Connection {
         self.ask("GET", target, &[], b"")
     }
 
-    /// Reads an answer, which has no body if only its head was asked for.
+    /// Reads a response, which has no body for a HEAD request.
     pub(crate) fn receive(&mut self, is_head: bool) -> io::Result<Response> {
         let mut line = String::new();
         let bad = |line: &str| io::Error::other(format!("not HTTP: {line:?}"));
@@ -94,13 +94,13 @@ impl Response {
         serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {self:?}"))
     }
 
-    /// The body of an answer that is none of failure.
+    /// Returns the body of a successful response.
     pub(crate) fn good(self) -> Vec<u8> {
         assert_eq!(self.status, 200, "{}", String::from_utf8_lossy(&self.body));
         self.body
     }
 
-    /// The message of a failure with such a status.
+    /// Returns the message of a failure with the given status.
     pub(crate) fn complaint(&self, status: u16) -> String {
         assert_eq!(self.status, status, "{}", String::from_utf8_lossy(&self.body));
         assert_eq!(self.header("content-type"), Some("application/json"));

@@ -1,4 +1,4 @@
-//! The files themselves: whole, in ranges, under conditions; names, and what they never lead to.
+//! The files themselves: whole, in ranges, under conditions; names, and path traversal.
 
 use std::os::unix::fs::symlink;
 
@@ -39,7 +39,7 @@ fn files_come_whole_and_in_ranges() {
         assert_eq!(part.header("etag"), Some(&*tag));
         assert!(part.body == bytes[first..end], "{range}");
     }
-    // What is no range, and a range of another state of the file, are the whole file.
+    // An invalid range, and a range of another version of the file, return the whole file.
     for headers in [
         &[("Range", "bytes=3-2")][..],
         &[("Range", "rows=0-1")],
@@ -59,7 +59,7 @@ fn files_come_whole_and_in_ranges() {
         assert_eq!((same.status, same.header("etag")), (304, Some(&*tag)), "{given}");
     }
     server.get_with("/classes.goblin", &[("If-Match", "\"other\"")]).complaint(412);
-    // Of heads only heads come, and the connection goes on.
+    // HEAD requests return only heads, and the connection continues.
     let mut connection = server.connect();
     let head = connection.ask("HEAD", "/classes.goblin", &[("Range", "bytes=0-9")], b"").unwrap();
     assert_eq!((head.status, head.header("content-length")), (200, Some(&*length.to_string())));
@@ -76,7 +76,7 @@ fn large_files_come_piece_by_piece() {
     assert!(server.get("/any.goblin").good() == bytes);
     let part = server.get_with("/any.goblin", &[("Range", "bytes=1000-2999999")]);
     assert!(part.status == 206 && part.body == bytes[1000..3_000_000]);
-    // It is no tree, which questions tell.
+    // It is not a tree, which queries report.
     server.get("/point/any?x=1&y=1").complaint(500);
 }
 
@@ -175,7 +175,7 @@ fn names_lead_to_nothing_outside() {
             format!("//{name}/../../outside/secret.goblin"),
         ] {
             let answer = server.get(&target);
-            // (A name that ends there is the page.)
+            // A name that normalizes to the root is the page.
             if target == "/" || target == "/." || target == "/.." {
                 assert!(answer.header("content-type") != Some("application/octet-stream"));
                 continue;
@@ -233,7 +233,7 @@ fn manifests_lead_out_of_no_folder() {
     let told = served.get("/point/all?x=100&y=90&crs=cells").complaint(422);
     assert!(told.contains("a manifest") && told.contains("serve it alone"), "{told}");
     assert!(!told.contains(outer.path().to_str().unwrap()), "{told}");
-    // Whoever serves it alone means its files.
+    // A manifest served alone gives access to its files.
     let alone = Server::start(&manifest, &[]);
     alone.get("/point/all?x=100&y=90&crs=cells").good();
 }

@@ -1,4 +1,4 @@
-//! Clients that ask for too much, are slow, go away, or send anything at all.
+//! Clients that request too much, are slow, disconnect, or send invalid data.
 
 use std::io::{Read as _, Write as _};
 use std::net::{Shutdown, TcpStream};
@@ -9,7 +9,7 @@ use spinney::{DataKind, Rule, SampleType};
 use super::common::{Cells, Random, options, quad, write_cells};
 use super::{Server, fixture, island};
 
-/// Waits until something holds; for long on a busy machine.
+/// Waits until a condition holds, with a long timeout for busy machines.
 pub(crate) fn wait_until(what: &str, holds: impl Fn() -> bool) {
     let start = Instant::now();
     while !holds() {
@@ -28,7 +28,7 @@ fn limits_are_told() {
     let long = vec![b' '; 3000];
     let told = server.post("/zonal/classes", &long).complaint(413);
     assert!(told.contains("2048"), "{told}");
-    // Bodies that do not say how long they are are cut off, too.
+    // Bodies without a length are limited, too.
     let mut connection = server.connect();
     let head = "POST /zonal/classes HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\n";
     connection.send(head.as_bytes()).unwrap();
@@ -36,7 +36,7 @@ fn limits_are_told() {
     let _ = connection.send(chunk.as_bytes());
     connection.receive(false).unwrap().complaint(413);
     drop(connection);
-    // Heads of any length are none.
+    // Overlong heads are rejected.
     let answer = server.connect().ask("GET", &format!("/{}", "a".repeat(1 << 20)), &[], b"");
     assert!(answer.is_err() || (400..500).contains(&answer.unwrap().status));
     let many: Vec<(&str, &str)> = vec![("A", "b"); 1000];
@@ -46,7 +46,7 @@ fn limits_are_told() {
     let answer = server.connect().get(&format!("/point/classes?{query}"));
     assert!(answer.is_err() || (400..500).contains(&answer.unwrap().status));
     let server = Server::start(folder.path(), &["--connections", "3"]);
-    // (Connections of before are over in a moment.)
+    // Earlier connections end soon.
     wait_until("there is room", || {
         let mut all: Vec<_> = (0..3).map(|_| server.connect()).collect();
         let are_open = all.iter_mut().all(|one| one.get("/healthz").is_ok_and(|answer| answer.status == 200));
@@ -73,7 +73,7 @@ fn work_that_takes_too_long_is_given_up() {
     let server = Server::start(folder.path(), &["--timeout", "0.05"]);
     let told = server.get("/window/noise?size=2000x2000&style=hillshade&format=webp").complaint(503);
     assert!(told.contains("0.05 seconds") || told.contains("interrupted"), "{told}");
-    // Its place is free again.
+    // Its slot is free again.
     wait_until("an answer", || server.get("/point/noise?x=1&y=1").status == 200);
 }
 
@@ -81,7 +81,7 @@ fn work_that_takes_too_long_is_given_up() {
 fn slow_clients_are_not_waited_for() {
     let folder = island();
     let server = Server::start(folder.path(), &["--timeout", "0.5"]);
-    // One that never ends its head, one that never sends its body, one that says nothing.
+    // One that never ends its head, one that never sends its body, one that sends nothing.
     for begin in [
         "GET /healthz HTTP/1.1\r\nHo",
         "POST /zonal/classes HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n{",
@@ -100,7 +100,7 @@ fn slow_clients_are_not_waited_for() {
             assert!(answer.starts_with(b"HTTP/1.1 408"), "{}", String::from_utf8_lossy(&answer));
         }
     }
-    // One that does not read what it asked for.
+    // A client that does not read the response.
     std::fs::write(folder.path().join("long.goblin"), vec![7; 64 << 20]).unwrap();
     let mut connection = server.connect();
     connection.send(b"GET /long.goblin HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
@@ -127,7 +127,7 @@ fn clients_that_go_away_leave_nothing() {
             3 => &zonal[..zonal.len() / 2],
             _ => "GET /hea",
         };
-        // (The server may have refused it while others were not over.)
+        // The server may have rejected it while others were still open.
         let Ok(mut stream) = TcpStream::connect(&server.address) else { continue };
         let _ = stream.write_all(request.as_bytes());
         if round % 2 == 0 {
@@ -234,7 +234,7 @@ fn whatever_is_sent_is_answered_or_refused() {
         let _ = stream.write_all(&bytes);
         let _ = stream.shutdown(Shutdown::Write);
         let mut answer = Vec::new();
-        // (A connection that ends with a part of the request unread is reset.)
+        // A connection closed with unread request bytes is reset.
         if let Err(error) = stream.read_to_end(&mut answer) {
             assert!(
                 error.kind() == std::io::ErrorKind::ConnectionReset,

@@ -1,4 +1,4 @@
-//! `spinney serve`: what it answers, what it refuses, and what clients and files do to it.
+//! `spinney serve`: responses, errors, and the effects of clients and changing files.
 
 mod answers;
 mod changes;
@@ -16,7 +16,7 @@ use std::process::{Child, Command, Stdio};
 
 use client::{Connection, Response};
 
-/// The program, serving something until it is dropped.
+/// The program as a server, until it is dropped.
 pub(crate) struct Server {
     child: Child,
     /// Host and port.
@@ -24,7 +24,7 @@ pub(crate) struct Server {
 }
 
 impl Server {
-    /// Serves a folder or a file at a port that is free.
+    /// Serves a directory or a file at a free port.
     pub(crate) fn start(path: &Path, options: &[&str]) -> Server {
         Server::run(Command::new(env!("CARGO_BIN_EXE_spinney")), path, options)
     }
@@ -36,7 +36,7 @@ impl Server {
         server
     }
 
-    /// A server that a command starts; without an address if it does not.
+    /// Returns the server that a command starts; without an address if it does not start.
     pub(crate) fn of(mut program: Command) -> Server {
         let mut child = program.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut line = String::new();
@@ -61,7 +61,7 @@ impl Server {
         self.connect().ask("POST", target, &[], body).unwrap()
     }
 
-    /// The program, which this handle ends no more.
+    /// Returns the process, which this handle no longer ends.
     pub(crate) fn process(&mut self) -> &mut Child {
         &mut self.child
     }
@@ -74,12 +74,13 @@ impl Drop for Server {
     }
 }
 
-/// The path of a file in `fixtures`.
+/// Returns the path of a file in `fixtures`.
 pub(crate) fn fixture(name: &str) -> String {
     format!("{}/fixtures/{name}", env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A folder with trees of the island, `classes.goblin` and `heights.goblin`, and the frozen files.
+/// Returns a directory with trees of the island, `classes.goblin` and `heights.goblin`, and the
+/// frozen files.
 pub(crate) fn island() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);

@@ -1,4 +1,4 @@
-//! Names of a server, origins of pages, proxies, and compressed responses.
+//! Server names, page origins, proxies, and compressed responses.
 
 use std::io::Read as _;
 
@@ -62,7 +62,7 @@ fn tiles_of_a_proxied_server_have_its_public_address() {
     assert_eq!(tiles(&server, &[("Forwarded", "proto=https;host=maps.example")]), "https://maps.example");
     let public = Server::start(folder.path(), &["--public-url", "https://maps.example/b/"]);
     assert_eq!(tiles(&public, &proxy), "https://maps.example/b");
-    // (The responses of one client are not those of another.)
+    // One client's responses are not used for another.
     assert_eq!(tiles(&server, &[]), format!("http://{}", server.address));
 }
 
@@ -86,7 +86,7 @@ fn responses_are_compressed_where_that_pays() {
             assert_eq!((again.status, again.header("etag")), (304, Some(tag)));
         }
     }
-    // Images, small responses and files stay as they are.
+    // Images, small responses and files are not compressed.
     for target in ["/tiles/heights/0/0/0.png?grid=native", "/healthz", "/heights.goblin"] {
         assert_eq!(server.get_with(target, &[gzip]).header("content-encoding"), None, "{target}");
     }
@@ -94,7 +94,7 @@ fn responses_are_compressed_where_that_pays() {
     assert_eq!((part.status, part.header("content-encoding")), (206, None));
 }
 
-/// Host and port are those of the options, and a browser shows the page.
+/// Host and port follow the options, and a browser shows the page.
 #[test]
 #[cfg(target_os = "linux")]
 fn addresses_are_chosen_and_shown() {
@@ -104,7 +104,7 @@ fn addresses_are_chosen_and_shown() {
     let browser = programs.path().join("xdg-open");
     std::fs::write(&browser, "#!/bin/sh\necho \"$1\" > \"${0%/*}/shown\"\n").unwrap();
     std::fs::set_permissions(&browser, std::fs::Permissions::from_mode(0o755)).unwrap();
-    // (A port that was free a moment ago may be taken by now.)
+    // A port that was free a moment ago may be in use by now.
     let started = (0..20).find_map(|_| {
         let port = std::net::TcpListener::bind("127.0.0.2:0").unwrap().local_addr().unwrap().port();
         let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_spinney"));

@@ -1,4 +1,4 @@
-//! Tiles: those of web maps as the library draws them, and of a tree's own grid.
+//! Tiles: web map tiles as the library draws them, and tiles of a tree's own grid.
 
 use spinney::raw::export::tiles::{TileId, TilePainter, TileRange, draw_tile, tile_source};
 use spinney::style::Style;
@@ -6,7 +6,7 @@ use spinney::{Bounds, WarpOptions};
 
 use super::{Server, island};
 
-/// Red, green, blue and opacity of a PNG picture's pixels.
+/// Returns red, green, blue and opacity of a PNG image's pixels.
 fn pixels_of_png(bytes: &[u8]) -> Vec<u8> {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
     decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::ALPHA);
@@ -45,7 +45,7 @@ fn tiles_are_those_of_the_library() {
         let last = about["maxzoom"].as_u64().unwrap() as u8;
         let mut connection = server.connect();
         let (mut there, mut empty) = (0, 0);
-        // (The second time they are those that were kept.)
+        // The second time they come from the cache.
         for zoom in [0, 5, last - 1, last, last] {
             let range = TileRange::of_degrees(zoom, [west, south, east, north]);
             for row in range.min[1]..range.max[1] {
@@ -99,7 +99,8 @@ fn tiles_of_the_own_grid_are_its_cells() {
     let webp =
         image::load_from_memory_with_format(&tile("webp"), image::ImageFormat::WebP).unwrap().into_rgba8();
     assert!(webp.dimensions() == (256, 256) && *webp.as_raw() == pixels_of_png(&tile("png")));
-    // Deeper, a tile has as many cells as pixels; of a stack a layer is named, or some as colours.
+    // At a deeper zoom, a tile has as many cells as pixels; for a stack, the query names a layer,
+    // or several as colours.
     let about = server.get("/tiles/stack.json?grid=native&layer=0").json();
     assert!(about["tiles"][0].as_str().unwrap().contains("layer=0"), "{about}");
     server.get("/tiles/stack/0/0/0.png?grid=native&layer=0").good();
@@ -132,7 +133,7 @@ fn tiles_that_are_none_are_refused() {
         let told = server.get(target).complaint(status);
         assert!(told.contains(what), "{target}: {told}");
     }
-    // (A host that is none is not repeated.)
+    // An invalid host is not echoed.
     let head = b"GET /tiles/classes.json HTTP/1.1\r\nHost: \"><script>\r\n\r\n";
     let mut connection = server.connect();
     connection.send(head).unwrap();
@@ -148,7 +149,7 @@ fn what_a_client_has_is_not_sent_again() {
     let tag = server.get(target).header("etag").unwrap().to_owned();
     let again = || server.get_with(target, &[("If-None-Match", &tag)]);
     assert_eq!(again().status, 304);
-    // Another file in its place has another tag.
+    // A replaced file has another tag.
     std::fs::copy(folder.path().join("classes.goblin"), folder.path().join("other")).unwrap();
     std::fs::rename(folder.path().join("other"), folder.path().join("heights.goblin")).unwrap();
     let other = again();

@@ -1,6 +1,7 @@
-"""A bucket of S3 on this machine (moto), behind a proxy that counts requests and makes them fail as a test wants it.
+"""A local S3 bucket (moto), with a proxy in front that counts requests and injects faults.
 
-`with bucket() as maps:` gives one; programs that run with its `environment` reach it as `maps.url`. Needs moto[s3,server] and boto3.
+`with bucket() as maps:` yields one; programs that run with its `environment` reach it as
+`maps.url`. Needs moto[s3,server] and boto3.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Fault:
 
 
 class Bucket:
-    """The bucket, and what is asked of it."""
+    """The bucket, with counts of its requests."""
 
     url = f"s3://{NAME}"
 
@@ -59,20 +60,21 @@ class Bucket:
         return f"{self.url}/{name}"
 
     def get(self, name: str) -> bytes:
-        """The bytes of an object."""
+        """Returns the bytes of an object."""
         return bytes(self.client.get_object(Bucket=NAME, Key=name)["Body"].read())
 
     def names(self, prefix: str = "") -> list[str]:
-        """Names of all objects."""
+        """Returns the names of all objects."""
         pages = self.client.get_paginator("list_objects_v2").paginate(Bucket=NAME, Prefix=prefix)
         return [item["Key"] for page in pages for item in page.get("Contents", [])]
 
     def uploads(self) -> list[str]:
-        """Names of what is being uploaded in parts."""
+        """Returns the names of pending multipart uploads."""
         return [item["Key"] for item in self.client.list_multipart_uploads(Bucket=NAME).get("Uploads", [])]
 
     def counts(self) -> dict[str, int]:
-        """Requests by their methods, and bytes that went ("sent") and came ("received"), since the last time."""
+        """Returns the requests by method, and the bytes "sent" and "received", since the last
+        call."""
         with self.lock:
             counts = getattr(self, "counted", {})
             self.counted: dict[str, int] = {}
@@ -83,15 +85,17 @@ class Bucket:
             self.counted[what] = self.counted.get(what, 0) + number
 
     def fail(self, kind: str, fits: Callable[[str, str], bool], *, after: int = 0, times: float = float("inf"), seconds: float = 0.0) -> None:
-        """Makes requests fail from now on: those whose method and path fit, but for the first ones, so many times.
+        """Makes requests fail from now on: `times` of those whose method and path fit, after the
+        first `after` ones.
 
-        Kinds: "500"; "cut", the answer ends in its middle; "slow", it takes a while; "expired", the credentials are not valid any more.
+        Kinds: "500"; "cut", the response is truncated; "slow", it is delayed; "expired", the
+        credentials are no longer valid.
         """
         with self.lock:
             self.faults.append(Fault(kind, fits, after, times, seconds))
 
     def mend(self) -> None:
-        """Makes all requests good."""
+        """Removes all faults."""
         with self.lock:
             self.faults = []
 
@@ -118,7 +122,7 @@ class _Proxy(http.server.ThreadingHTTPServer):
         threading.Thread(target=self.serve_forever, daemon=True).start()
 
     def handle_error(self, *_: Any) -> None:
-        # (Who does not wait for an answer is tested.)
+        # Clients that do not wait for a response are tested.
         pass
 
 
@@ -173,7 +177,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
 @contextlib.contextmanager
 def bucket() -> Iterator[Bucket]:
-    """A bucket that is there meanwhile."""
+    """Yields a running bucket."""
     from moto.server import ThreadedMotoServer
 
     logging.getLogger("werkzeug").setLevel(logging.ERROR)

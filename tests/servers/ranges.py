@@ -1,8 +1,9 @@
-"""A web server of the files in a folder, which serves ranges, waits for a while before each answer, and counts.
+"""A web server of the files in a directory, which serves ranges, delays each response, and counts.
 
-    python3 tests/servers/ranges.py FOLDER [LATENCY]
+    python3 tests/servers/ranges.py DIRECTORY [LATENCY]
 
-prints its URL; `URL/-counts` tells requests and bytes since the last time, as JSON. Or, in Python: `with serve(folder) as url:`.
+prints its URL; `URL/-counts` returns requests and bytes since the last call, as JSON. In Python:
+`with serve(folder) as url:`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class _Server(http.server.ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_address[1]}"
 
     def counts(self) -> dict[str, int]:
-        """Requests and bytes since the last time."""
+        """Returns requests and bytes since the last call."""
         with self.lock:
             counts = {"requests": self.requests, "bytes": self.bytes}
             self.requests = self.bytes = 0
@@ -95,7 +96,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
 @contextlib.contextmanager
 def serve(folder: str | Path, latency: float = 0.0) -> Iterator[_Server]:
-    """A server that runs meanwhile."""
+    """Yields a running server."""
     server = _Server(folder, latency)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()

@@ -5,7 +5,7 @@ use spinney::Crs;
 use spinney::import::mesh::{SolidOptions, plan_models};
 use spinney::raw::import::mesh::open;
 
-/// The sides as a list of surfaces.
+/// Returns the sides as a list of surfaces.
 fn surfaces() -> String {
     let sides: Vec<String> = CUBE.iter().map(|side| format!("[{side:?}]")).collect();
     format!("[{}]", sides.join(","))
@@ -57,7 +57,7 @@ fn kinds_of_geometry() {
     let shells = file(&object("b", "Solid", "\"2\"", &format!("[{all},{all}]")));
     assert_eq!(files.faces("a.json", shells).unwrap(), [cube(), cube()].concat());
     let mut model = files.open("a.json", text_cube()).unwrap();
-    // (Of five sides the semantics do not say what they are.)
+    // Five sides have no semantics.
     model.faces(&mut |_| Ok(())).unwrap();
     assert_eq!(model.lost_values(), 5);
     let info = model.info();
@@ -124,7 +124,8 @@ fn sequences() {
     assert!(files.error("a.jsonl", broken).contains("line 2"));
 }
 
-/// A cube as a template, in two places: twice as large and turned, and as it is at another level of detail.
+/// A cube as a template, at two positions: scaled by two and rotated, and unchanged at another
+/// level of detail.
 fn templates() -> String {
     let points: Vec<[f64; 3]> = cube_points().to_vec();
     let templates = format!(
@@ -212,8 +213,8 @@ fn broken() {
 #[test]
 fn real_cities() {
     let Some(folder) = meshes() else { return };
-    // Objects, surfaces of each one's highest level of detail, and those of fewer than three different corners: as
-    // counted by a program of a few lines that shares nothing with the reader.
+    // Objects, surfaces of each one's highest level of detail, and surfaces with fewer than three
+    // distinct vertices, counted by a short independent program.
     for (name, objects, surfaces, degenerate) in [
         ("DH_01_subs.city.json", 12, 70, 0),
         ("delft.json", 570, 36_271, 0),

@@ -1,4 +1,4 @@
-//! Files that are made to break readers, and what all formats share.
+//! Malicious files, and what all formats share.
 
 use super::mesh_files::*;
 use super::{cityjson, obj, off, ply, stl};
@@ -46,7 +46,7 @@ fn byte_order_marks_are_no_text() {
         ("a.off", off::text_cube()),
         ("a.json", cityjson::text_cube()),
     ] {
-        // Under a name that says nothing, too.
+        // Also under a name without an extension.
         for name in [name, "a"] {
             assert_eq!(files.faces(name, marked(text.clone())).unwrap(), cube(), "{name}");
         }
@@ -57,7 +57,7 @@ fn byte_order_marks_are_no_text() {
     );
     let facets = files.faces("a.stl", stl::text_cube()).unwrap();
     assert_eq!(files.faces("a.stl", marked(stl::text_cube())).unwrap(), facets);
-    // Of a binary file these bytes are some of 80 free ones.
+    // In a binary file these bytes are among 80 arbitrary ones.
     assert_eq!(files.faces("a.stl", stl::binary_cube("\u{feff}solid")).unwrap(), facets);
 }
 

@@ -1,11 +1,11 @@
-//! What tests of mesh readers share: files from strings, everything that a reader gives, a cube.
+//! Helpers for tests of mesh readers: files from strings, a reader's whole output, a cube.
 
 use std::path::{Path, PathBuf};
 
 use spinney::raw::import::mesh::{MeshFace, Model, ModelInfo, open};
 use spinney::{Error, Result};
 
-/// Memory for readers that have enough of it.
+/// A sufficient memory limit in bytes.
 pub(crate) const ENOUGH: u64 = 64 << 20;
 
 /// A face that outlives its reader's buffers.
@@ -28,7 +28,7 @@ impl Kept {
     }
 }
 
-/// All faces of a model, which must hold what every face has to.
+/// Returns all faces of a model, after checking the invariants of faces.
 pub(crate) fn faces(model: &mut dyn Model) -> Result<Vec<Kept>> {
     let info = model.info().clone();
     let mut faces = Vec::new();
@@ -53,7 +53,7 @@ fn check(info: &ModelInfo, face: &MeshFace<'_>) {
     }
 }
 
-/// A folder of files made by a test.
+/// A temporary directory of test files.
 pub(crate) struct Files(tempfile::TempDir);
 
 impl Files {
@@ -78,7 +78,7 @@ impl Files {
         Ok(first)
     }
 
-    /// The error for a file, which must name the file.
+    /// Returns the error for a file, which must contain the file's name.
     pub(crate) fn error(&self, name: &str, content: impl AsRef<[u8]>) -> String {
         match self.faces(name, content) {
             Ok(faces) => panic!("{name} was read: {} faces", faces.len()),
@@ -102,7 +102,7 @@ pub(crate) fn cube_points() -> Vec<[f64; 3]> {
 pub(crate) const CUBE: [[usize; 4]; 6] =
     [[0, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
 
-/// The cube as its readers should give it.
+/// The cube as its readers should return it.
 pub(crate) fn cube() -> Vec<Kept> {
     let points = cube_points();
     CUBE.iter()
@@ -115,7 +115,7 @@ pub(crate) fn cube() -> Vec<Kept> {
         .collect()
 }
 
-/// Volume and area over the fans of all faces; good for faces without holes.
+/// Volume and area of the fans of all faces; valid for faces without holes.
 pub(crate) fn volume_and_area(faces: &[Kept]) -> [f64; 2] {
     let sub = |a: [f64; 3], b: [f64; 3]| [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
     let cross = |a: [f64; 3], b: [f64; 3]| {
@@ -125,8 +125,8 @@ pub(crate) fn volume_and_area(faces: &[Kept]) -> [f64; 2] {
     for face in faces {
         for pair in face.points[1..].windows(2) {
             let normal = cross(sub(pair[0], face.points[0]), sub(pair[1], face.points[0]));
-            // What flows out along x, as the table of expected figures has it; only for surfaces that are closed and
-            // consistent is it the same along every axis.
+            // The flux along x, as in the table of expected figures. It is the same along every
+            // axis only for closed and consistently oriented surfaces.
             sums[0] += (face.points[0][0] + pair[0][0] + pair[1][0]) * normal[0] / 6.0;
             sums[1] += normal.iter().map(|n| n * n).sum::<f64>().sqrt() / 2.0;
         }
@@ -134,7 +134,7 @@ pub(crate) fn volume_and_area(faces: &[Kept]) -> [f64; 2] {
     sums
 }
 
-/// The folder of meshes that are not part of the project, if it is there.
+/// Returns the directory of meshes outside of the project, if it exists.
 pub(crate) fn meshes() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/mesh");
     if folder.is_dir() {
@@ -144,8 +144,8 @@ pub(crate) fn meshes() -> Option<PathBuf> {
     None
 }
 
-/// Opens and reads every beginning of a file: errors are fine, panics and endless loops are not. Returns how many
-/// were read without an error.
+/// Opens and reads every prefix of a file: errors are allowed, panics and endless loops are not.
+/// Returns how many were read without an error.
 pub(crate) fn read_truncated(name: &str, content: &[u8]) -> usize {
     let files = Files::new();
     let mut read = 0;

@@ -3,7 +3,7 @@
 use super::mesh_files::*;
 use spinney::raw::import::mesh::{Model, open};
 
-/// So little memory that a file is streamed.
+/// A memory limit so low that files are streamed.
 const LITTLE: u64 = 1;
 
 pub(crate) fn text_cube() -> String {
@@ -17,7 +17,7 @@ pub(crate) fn text_cube() -> String {
     text
 }
 
-/// The faces of a file, which must be the same however it is read, and the names of its parts.
+/// Returns a file's faces, which must not depend on how it is read, and its part names.
 fn both(files: &Files, text: &str) -> (Vec<Kept>, Vec<String>) {
     let path = files.write("a.obj", text);
     let mut models = [ENOUGH, LITTLE].map(|memory| open(&path, memory).unwrap());
@@ -113,7 +113,7 @@ fn materials() {
     files.write("some materials.mtl", "\u{feff}newmtl a b\nKd 1 0.2 0\nnewmtl c\nKd 0 0 1\n");
     assert_eq!(both(&files, text).0[1].colours, [[255, 51, 0]; 3], "behind a byte order mark");
     assert_eq!(both(&files, &text.replace("some", "../some")).0[1].colours, [[0; 3]; 0], "elsewhere");
-    // Vertices' own colours come first.
+    // Vertex colours take precedence.
     let own = text.replace("v 0 0 0", "v 0 0 0 0 1 0");
     assert_eq!(both(&files, &own).0[1].colours[0], [0, 255, 0]);
     for broken in ["newmtl a\nKd 1\n", "newmtl", "newmtl a\nKd x y z\n", "map_Kd\u{20ac}"] {
@@ -143,7 +143,8 @@ fn broken() {
         assert!(found.contains(told), "{from} -> {to}: {found}");
     }
     assert!(files.error("a.obj", "f 1 2 3\n").contains("no vertices"));
-    // Text without an end mark can be cut in many places, but not within a vertex or before the first one.
+    // Text without an end mark can be truncated at many positions, but not within a vertex or
+    // before the first one.
     let read = read_truncated("a.obj", text_cube().as_bytes());
     assert!((20..text_cube().len() - 40).contains(&read), "{read}");
 }

@@ -34,7 +34,7 @@ fn colours() {
     let colours = |text: &str| files.faces("a.off", text).unwrap()[0].colours.clone();
     let of_vertices = "COFF\n3 1 0\n0 0 0 255 0 51 255\n1 0 0 1.0 0 0.2 1\n0 1 0 0 0 255 0\n3 0 1 2\n";
     assert_eq!(colours(of_vertices), [[255, 0, 51], [1, 0, 0], [0, 0, 255]]);
-    // One range for all colours of a file: 0 to 1 if no number is greater.
+    // One range for all colours of a file: 0 to 1 if no number is larger.
     let up_to_1 = "COFF\n3 1 0\n0 0 0 0.5 0.5 0.5 1\n1 0 0 1 1 1 1\n0 1 0 1 0 0 1\n3 0 1 2\n";
     assert_eq!(colours(up_to_1), [[128; 3], [255; 3], [255, 0, 0]]);
     let with_normals =

@@ -2,7 +2,7 @@
 
 use super::mesh_files::*;
 
-/// The cube as text, with some properties beside what matters.
+/// The cube as text, with additional properties.
 pub(crate) fn text_cube() -> String {
     let mut text = String::from(
         "ply\nformat ascii 1.0\ncomment a cube\nelement vertex 8\nproperty float x\nproperty float y\n\
@@ -17,7 +17,7 @@ pub(crate) fn text_cube() -> String {
     text
 }
 
-/// A number as bytes: the type's name, the value, whether the most significant byte comes first.
+/// Returns a number as bytes: type name, value, whether it is big-endian.
 fn bytes(scalar: &str, value: f64, big: bool) -> Vec<u8> {
     let mut bytes = match scalar {
         "char" | "int8" => (value as i8).to_le_bytes().to_vec(),
@@ -36,8 +36,9 @@ fn bytes(scalar: &str, value: f64, big: bool) -> Vec<u8> {
     bytes
 }
 
-/// The cube in binary. Coordinates have a type; vertices have a list before x if `list`; lists of corners have a
-/// type of length and items, with other properties before and behind.
+/// Returns the cube in binary. `coordinate` is the coordinates' type; with `list`, vertices have a
+/// list before x; lists of vertices have types of length and items, with other properties before
+/// and after them.
 fn binary_cube(big: bool, coordinate: &str, list: bool, [length, item]: [&str; 2]) -> Vec<u8> {
     let order = if big { "big" } else { "little" };
     let before = if list { "property list uchar short neighbours\n" } else { "property uchar flags\n" };
@@ -215,7 +216,7 @@ fn broken_bodies() {
         let found = files.error("a.ply", text.replace(from, to));
         assert!(told.iter().all(|told| found.contains(told)), "{from} -> {to}: {found}");
     }
-    // A coordinate that is not a number, looked up in the file and copied from it.
+    // A coordinate that is NaN, at an offset found by searching the file.
     for list in [false, true] {
         let mut file = binary_cube(false, "float", list, ["uchar", "int"]);
         let two = 2f32.to_le_bytes();
@@ -233,7 +234,7 @@ fn broken_bodies() {
 
 #[test]
 fn truncated() {
-    // All but the last byte, a line feed, is needed.
+    // All bytes except the last, a line feed, are required.
     assert_eq!(read_truncated("a.ply", text_cube().as_bytes()), 1);
     for list in [false, true] {
         assert_eq!(read_truncated("a.ply", &binary_cube(false, "float", list, ["uchar", "int"])), 0);

@@ -1,4 +1,4 @@
-//! Meshes of public projects, against what another program makes of them.
+//! Meshes of public projects, compared with the results of another program.
 
 use super::mesh_files::*;
 use spinney::raw::import::mesh::open;

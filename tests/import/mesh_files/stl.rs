@@ -2,7 +2,7 @@
 
 use super::mesh_files::*;
 
-/// The cube's facets: each side is a fan of two triangles.
+/// Returns the cube's facets: each side is a fan of two triangles.
 fn facets() -> Vec<[[f64; 3]; 3]> {
     let sides = cube();
     sides
@@ -93,7 +93,7 @@ fn variants_of_text() {
 fn bytes_after_the_declared_facets() {
     let files = Files::new();
     let expected: Vec<_> = facets().iter().map(|corners| corners.to_vec()).collect();
-    // Files that were joined are solids of their own.
+    // Concatenated files are separate solids.
     let twice = [binary_cube("a"), binary_cube("b")].concat();
     let mut model = files.open("a.stl", &twice).unwrap();
     assert_eq!((model.info().parts.len(), faces(&mut *model).unwrap().len()), (2, 24));
@@ -131,7 +131,7 @@ fn broken() {
 
 #[test]
 fn truncated() {
-    // The name and the line feed behind `endsolid` are not needed.
+    // The name and the line feed after `endsolid` are optional.
     assert_eq!(read_truncated("a.stl", text_cube().as_bytes()), 8);
     assert_eq!(read_truncated("a.stl", &binary_cube("")), 0);
 }

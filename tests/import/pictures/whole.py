@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""Makes tests/import/pictures/whole: images that Pillow writes, each with a PNG of the pixels that Pillow reads from it.
+"""Makes `tests/import/pictures/whole`: images that Pillow writes, each with a PNG of the pixels that
+Pillow reads from it.
 
-    python tests/import/pictures/whole.py
+    `python tests/import/pictures/whole.py`
 
 Needs Pillow.
 """

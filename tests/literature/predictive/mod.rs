@@ -1,4 +1,5 @@
-//! Predictive building, row by row: the same trees as those of the builder, none of whose nodes is made in vain.
+//! Predictive building, row by row: the same trees as the builder's, and no node is created in
+//! vain.
 
 mod tree;
 
@@ -10,13 +11,14 @@ use spinney::{DataKind, Output, Rule, Value};
 use self::tree::{PredictedSource, PredictiveTree};
 use crate::common::{CLASSIC, Cells, QUAD, byte, bytes_of, cells_of, made, options, quad, value};
 
-/// The tree of cells by prediction.
+/// Builds the tree of cells by prediction.
 fn predicted(cells: &Cells) -> PredictedSource<Option<Value>> {
     let tree = PredictiveTree::of(&cells.cells, cells.size[0] as usize, None);
     PredictedSource { tree, form: cells.form, value: |cell| cell }
 }
 
-/// The file that the builder makes of slabs of rows is the one that it makes of the predicted tree, and all nodes of this are needed.
+/// Checks that the builder's file from slabs of rows equals the file of the predicted tree, and
+/// that all its nodes are needed.
 fn is_that_of_the_builder(cells: &Cells, rule: Rule, kind: DataKind) {
     let source = predicted(cells);
     let needed = MemTree::from_source(&source, Rule::Nearest).unwrap().inner_nodes();

@@ -1,25 +1,29 @@
-//! Building a quadtree by prediction, after C. A. Shaffer and H. Samet, "Optimal quadtree construction algorithms" (1987): cells come row by row, and
-//! the first of a block stands for all of it until another one is different.
+//! Predictive quadtree construction, after C. A. Shaffer and H. Samet, "Optimal quadtree
+//! construction algorithms" (1987): cells arrive row by row, and a block's first cell predicts its
+//! value until another cell differs.
 //!
-//! Where a cell is not of the value of the leaf that has it, the leaf is divided, so often that the cell is the first one of a leaf, which takes the
-//! cell's value. All that is divided on the way has its own first cell behind it, of the value from before, so that it is no leaf in the end either: no node is
-//! made that does not stay, and none is merged. Beside the tree this takes a list of the active nodes: for each column, the node that was there last.
+//! If a cell differs from its leaf's value, the leaf is subdivided until the cell is the first one
+//! of a leaf, which takes the cell's value. Each node subdivided on the way contains an earlier
+//! cell with the old value, so it is not a leaf in the final tree either: every node that is
+//! created stays, and none is merged. In addition to the tree, the algorithm keeps a list of active
+//! nodes: for each column, the node visited last.
 
 use spinney::raw::tree::CellBlock;
 use spinney::tree::{Child, Children, Source};
 use spinney::{Code, TreeType, Value};
 
-/// A quadtree of cells of any kind, with all nodes in memory: the root, and then the children of each node that was divided, four by four.
+/// A quadtree of cells of any kind, with all nodes in memory: the root, followed by the children of
+/// each subdivided node in groups of four.
 pub(crate) struct PredictiveTree<T> {
     depth: u8,
     values: Vec<T>,
-    /// The first child of each node; 0 if it is a leaf.
+    /// The first child of each node; 0 for a leaf.
     children: Vec<u32>,
-    /// The node that was divided, of each four.
+    /// The parent of each group of four.
     parents: Vec<u32>,
 }
 
-/// A node that has a cell of a column, with the levels below it and a row of it.
+/// A node that contains a cell of a column, with the levels below it and one of its rows.
 #[derive(Clone, Copy)]
 struct Active {
     node: u32,
@@ -28,7 +32,8 @@ struct Active {
 }
 
 impl<T: Copy + Eq> PredictiveTree<T> {
-    /// The tree of rows of cells, whose first is the tree's first; what is beyond them is `outside`.
+    /// Builds the tree of rows of cells, from the tree's first row on; cells beyond them are
+    /// `outside`.
     pub(crate) fn of(cells: &[T], width: usize, outside: T) -> PredictiveTree<T> {
         let height = cells.len() / width;
         let depth = width.max(height).next_power_of_two().ilog2() as u8;
@@ -46,7 +51,7 @@ impl<T: Copy + Eq> PredictiveTree<T> {
         tree
     }
 
-    /// Number of nodes, of which three in four and one more are leaves.
+    /// Returns the number of nodes; three quarters plus one quarter of a node are leaves.
     pub(crate) fn len(&self) -> usize {
         self.values.len()
     }
@@ -56,7 +61,7 @@ impl<T: Copy + Eq> PredictiveTree<T> {
         while x < row.len() {
             let leaf = self.leaf_at(active[x], x as u32, y);
             active[x] = leaf;
-            // A leaf begins where the one before it ends, or at the cell for which it was made.
+            // A leaf starts where the previous one ends, or at the cell for which it was created.
             let end = x + (1 << leaf.height);
             let same = leading(&row[x..end], self.values[leaf.node as usize]);
             x += same;
@@ -66,7 +71,8 @@ impl<T: Copy + Eq> PredictiveTree<T> {
         }
     }
 
-    /// The leaf that has a cell, by way of any node that has one of its column above or in its row.
+    /// Returns the leaf of a cell, starting from any node that contains a cell of its column in
+    /// this or an earlier row.
     fn leaf_at(&self, mut at: Active, x: u32, y: u32) -> Active {
         while at.row >> at.height != y >> at.height {
             at =
@@ -84,7 +90,7 @@ impl<T: Copy + Eq> PredictiveTree<T> {
         Active { node: self.children[at.node as usize] + child, height, row: y }
     }
 
-    /// Divides a leaf until a cell is the first of one, which takes its value.
+    /// Subdivides a leaf until a cell is the first one of a leaf, which takes its value.
     fn predict(&mut self, mut leaf: Active, x: u32, y: u32, value: T) -> Active {
         while (x | y) & ((1 << leaf.height) - 1) != 0 {
             let node = leaf.node as usize;
@@ -99,18 +105,18 @@ impl<T: Copy + Eq> PredictiveTree<T> {
     }
 }
 
-/// How many cells are of a value before one that is not.
+/// Counts the leading cells with a value.
 fn leading<T: Copy + Eq>(cells: &[T], value: T) -> usize {
     let is_same = |chunk: &&[T]| chunk.iter().fold(true, |same, cell| same & (*cell == value));
     let same = 64 * cells.chunks_exact(64).take_while(is_same).count();
     same + cells[same..].iter().take_while(|cell| **cell == value).count()
 }
 
-/// A tree by prediction, as what others are built of. (What stores a tree averages it anew.)
+/// A predicted tree as a source. Files recompute the representatives.
 pub(crate) struct PredictedSource<T> {
     pub(crate) tree: PredictiveTree<T>,
     pub(crate) form: TreeType,
-    /// The value of a cell; `None` is VOID.
+    /// Returns a cell's value; `None` is VOID.
     pub(crate) value: fn(T) -> Option<Value>,
 }
 
@@ -122,13 +128,13 @@ impl<T: Copy + Eq + Sync> PredictedSource<T> {
         }
     }
 
-    /// The first child of an inner node.
+    /// Returns the first child of an inner node.
     fn first_child(&self, code: Code) -> usize {
         code.digits()
             .fold(self.tree.children[0] as usize, |first, step| self.tree.children[first + step] as usize)
     }
 
-    /// Fills a square of a block of cells, which begins at one of them.
+    /// Fills a square of a block of cells, starting at index `at`.
     fn fill(&self, block: &mut CellBlock, node: usize, at: usize, side: usize, columns: usize) {
         if let first @ 1.. = self.tree.children[node] as usize {
             let half = side / 2;
