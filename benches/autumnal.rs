@@ -1,9 +1,9 @@
-//! Autumnal files beside Goblin files of the same tree, on one thread: single cells, windows, whole walks, small edits; and
-//! several processes that read at once.
+//! Autumnal files compared with Goblin files of the same tree, on one thread: single cells,
+//! windows, traversals, small edits; and several concurrent reader processes.
 //!
 //! `cargo bench --bench autumnal -- [--readers] GOBLIN AUTUMN [GOBLIN AUTUMN ...]`
 //!
-//! Files are warm; nothing is written to them: edits go to a copy beside the file, and nothing is synced.
+//! Files are warm. They are not modified: edits go to a copy next to the file, without syncs.
 
 mod measuring;
 
@@ -53,7 +53,7 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// The median time of some passes, in nanoseconds for each of `count` things.
+/// Returns the median time of some passes, in nanoseconds per one of `count` operations.
 fn nanoseconds(count: usize, mut pass: impl FnMut() -> Outcome<()>) -> Outcome<f64> {
     let times: Outcome<Vec<f64>> = (0..PASSES).map(|_| seconds(&mut pass)).collect();
     Ok(median(&mut times?) * 1e9 / count as f64)
@@ -142,7 +142,7 @@ fn walk<S: Source>(source: &S, records: &mut u64) -> Outcome<()> {
     Ok(())
 }
 
-/// A file in the system's memory that is never synced.
+/// An in-memory file that is never synced.
 struct Unsynced(std::fs::File, std::path::PathBuf);
 
 impl WriteBackend for Unsynced {
@@ -184,7 +184,7 @@ fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
             let change = if what == "a fill" {
                 Edit::Fill(FillRegion::Box(bounds), None)
             } else {
-                // Cells of another part of the map.
+                // Cells of another region of the map.
                 let window = format!("window={},{},{SIDE},{SIDE}", from[0], from[1]);
                 let patch = FileView { steps: vec![window.parse()?], ..FileView::of(goblin.path()) };
                 Edit::Paste {
@@ -211,7 +211,8 @@ fn edits(goblin: &Goblin, path: &Path) -> Outcome<()> {
     Ok(())
 }
 
-/// Answers for single cells until the input ends; tells how many there were, and the process's share of memory.
+/// Looks up single cells until the input ends; prints their number, and the process's proportional
+/// memory (PSS).
 fn read(path: &str) -> Outcome<()> {
     let tree = open(path.as_ref(), &OpenOptions::default())?;
     let extent = tree.header().extent;
@@ -245,7 +246,7 @@ fn read(path: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// One process that reads, then four at once: answers a second, and memory, shared pages counted by shares.
+/// Measures one reader process, then four at once: cells per second, and proportional memory.
 fn readers(path: &str) -> Outcome<()> {
     let mut sums = Vec::new();
     for count in [1, 4] {

@@ -1,11 +1,12 @@
-//! Rates of building: pictures in memory become Goblin files, on one thread, without decoding.
+//! Rates of building: rasters in memory become Goblin files, on one thread, without decoding.
 //!
-//! `cargo bench --bench building -- [--keep FOLDER] [CASE...]`
+//! `cargo bench --bench building -- [--keep DIRECTORY] [CASE...]`
 //!
-//! Prints millions of cells per second of processor time, the best of some runs. Files are written to `/dev/shm` where it is
-//! there, so that disks do not count, and removed unless a folder is given to keep them in.
+//! Prints millions of cells per second of processor time, the best of some runs. Files are written
+//! to `/dev/shm` if it exists, so that disks do not count, and removed unless a directory is given
+//! to keep them.
 
-#[allow(dead_code)] // nothing here is left to chance
+#[allow(dead_code)] // no randomness is needed here
 mod measuring;
 
 use std::path::{Path, PathBuf};
@@ -18,10 +19,10 @@ use spinney::{BuildOptions, DataKind, Dimension, Output, Result, SampleType, Tre
 const SIDE: u64 = 4096;
 const RUNS: usize = 5;
 
-/// The bytes of a cell at a column and a row.
+/// Appends the bytes of a cell at a column and a row.
 type Cell = fn(u64, u64, &mut Vec<u8>);
 
-/// Name, type of the samples, meaning, cells.
+/// Name, sample type, data kind, cells.
 const CASES: [(&str, SampleType, DataKind, Cell); 6] = [
     // A smooth field with noise in its low bits.
     ("photograph", SampleType::U8, DataKind::Continuous, |x, y, bytes| {
@@ -51,7 +52,8 @@ fn mix(x: u64, y: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Noise between 0 and 1 whose details are half as high when they are half as wide: `octaves` times, from 1024 cells on.
+/// Returns fractal noise between 0 and 1: `octaves` octaves, starting at 1024 cells; amplitude
+/// halves with wavelength.
 fn fractal(x: u64, y: u64, octaves: u32) -> f64 {
     let at = |x: u64, y: u64, octave: u64| (mix(x ^ octave << 40, y) >> 40) as f64 / (1u64 << 24) as f64;
     let mut sum = 0.0;
@@ -71,7 +73,7 @@ fn fractal(x: u64, y: u64, octaves: u32) -> f64 {
     sum
 }
 
-/// Rows of a picture in memory.
+/// Rows of a raster in memory.
 struct Rows<'p> {
     picture: &'p [u8],
     width: u64,

@@ -1,10 +1,10 @@
-//! Rates of questions to exact models, on one thread.
+//! Query rates of exact models, on one thread.
 //!
 //! `cargo bench --bench exact -- [--only measures|nearest|rays|boxes|cells] FILE...`
 //!
-//! Files are meshes of closed surfaces, built in a temporary folder, or models that were built before. They are warm. Points
-//! lie all over the model's bounds, or near the surface; rays go from one such point to another; boxes and cells are a
-//! 64th of the space wide, and lie near the surface.
+//! Files are meshes of closed surfaces, built in a temporary directory, or existing models. They
+//! are warm. Points are distributed over the model's bounds, or near the surface; rays go from one
+//! such point to another; boxes and cells have a 64th of the space's width, near the surface.
 
 mod measuring;
 
@@ -67,7 +67,8 @@ fn open(file: &Path, folder: &Path) -> Outcome<ExactModel> {
     Ok(ExactModel::open(&path, &OpenOptions::new())?)
 }
 
-/// Points in steps of the grid: all over the bounds, or about a 2^-12th of the space off the surface.
+/// Points in grid units: distributed over the bounds, or within about 2^-12 of the space's width
+/// from the surface.
 struct Places {
     random: Random,
     bounds: [[f64; 3]; 2],

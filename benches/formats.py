@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Both formats of the same trees: CPU time of building, bytes, and what storing equal subtrees once saves.
+"""Both formats with the same trees: CPU time of building, bytes, and the savings from storing equal
+subtrees once.
 
     python3 benches/formats.py
 
@@ -16,7 +17,7 @@ from common import CLASSES, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, runs, start
 
 
 def build(source, target, *options):
-    """Median CPU seconds and peak MiB of building a file anew, and its bytes."""
+    """Returns median CPU seconds and peak MiB of building a file, and its bytes."""
     measured = []
     for _ in range(3):
         target.unlink(missing_ok=True)

@@ -1,4 +1,5 @@
-//! Hot paths of Goblin files: building blocks, descending to cells, drawing tiles, searching the directory.
+//! Hot paths of Goblin files: building blocks, descending to cells, drawing tiles, searching the
+//! segment index.
 //!
 //! `cargo bench --bench goblin`
 
@@ -17,13 +18,13 @@ const SIDE: u64 = 4096;
 /// Quadtrees of bytes.
 const FORM: TreeType = TreeType::new(Dimension::Quad, ValueType::new(SampleType::U8, 1));
 
-/// Pictures of `SIDE` cells per axis.
+/// Rasters of `SIDE` cells per axis.
 #[derive(Clone, Copy)]
 enum Picture {
     Uniform,
     /// Two classes and a fractal border between them.
     Coastline,
-    /// Twelve classes at random.
+    /// Twelve random classes.
     Speckle,
     /// A smooth field with noise in the low bits.
     Photograph,
@@ -95,7 +96,7 @@ const PICTURES: [(&str, Picture, DataKind); 4] = [
     ("photograph", Picture::Photograph, DataKind::Continuous),
 ];
 
-/// Time per picture of 256 blocks, on one thread.
+/// Time per raster of 256 blocks, on one thread.
 fn building(c: &mut Criterion) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a pool");
     let mut group = c.benchmark_group("build");

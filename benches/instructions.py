@@ -1,28 +1,30 @@
 #!/usr/bin/env python3
-"""Counts the instructions of what the program and the library do, and compares two states of the project.
+"""Counts the instructions of program and library jobs, and compares two states of the project.
 
-Times on a busy machine differ by more than what a change makes slower; the instructions of a run are the same to a few
-thousandths of a percent. Each row of the table is one run under valgrind, on one thread:
+Times on a busy machine vary by more than a typical slowdown; instruction counts are reproducible to
+a few thousandths of a percent. Each row of the table is one run under valgrind, on one thread:
 
-- `build`, `convert`, `combine`, `transform`, `edit`, `verify` and other commands of the program, with pictures and solids of
-  all kinds of values, to Goblin and to Autumnal files. What the program takes to start and stop is subtracted.
-- Questions to the files that come of it, asked by `benches/instructions.rs` through the library. What opening the file
-  takes is subtracted.
+- `build`, `convert`, `combine`, `transform`, `edit`, `verify` and other commands of the program,
+  with rasters and solids of all kinds of values, to Goblin and to Autumnal files. The cost of
+  starting and stopping the program is subtracted.
+- Queries on the resulting files, made by `benches/instructions.rs` through the library. The cost of
+  opening the file is subtracted.
 
-It needs valgrind and NumPy, and takes 10 to 20 minutes on one processor. Inputs are made beforehand in
-benches/peers/work/instructions, or in the folder that --work names, and stay there for the next run: remove the folder
-when this script makes other ones. The rows about solids are left out if ../shared/data (or where SPINNEY_DATA points) has no
-meshes.
+It needs valgrind and NumPy, and takes 10 to 20 minutes on one processor. Inputs are made in advance
+in benches/peers/work/instructions, or in the directory given by --work, and kept for the next run:
+remove the directory when this script's inputs change. The rows on solids are omitted if
+../shared/data (or $SPINNEY_DATA) has no meshes.
 
     cargo build --release
-    cargo bench --no-run --bench instructions       # tells the name of the program with the questions
-    benches/instructions.py --program target/release/spinney --bench target/release/deps/instructions-HASH --out after.json
+    cargo bench --no-run --bench instructions       # prints the name of the query program
+    benches/instructions.py --program target/release/spinney \\
+        --bench target/release/deps/instructions-HASH --out after.json
     benches/instructions.py --compare before.json after.json
 
---only REGEX counts the rows whose names match; --list tells all names; --native takes times instead of counting, for a
-look at the sizes of the jobs. The comparison tells instructions before and after and their ratio, the worst first, and
-marks what takes over 3 % more, answers that differ, and rows that only one of the files has. Its exit code is 1 if there
-are such.
+--only REGEX counts the rows with matching names; --list prints all names; --native measures times
+instead of instructions, to check the sizes of jobs. The comparison prints instructions before and
+after and their ratio, the largest first, and marks increases over 3 %, results that differ, and
+rows that only one of the files has. Its exit code is 1 if there are any.
 """
 
 import argparse
@@ -42,18 +44,19 @@ import numpy
 ROOT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get("SPINNEY_DATA", ROOT.parent / "shared" / "data"))
 WORK = ROOT / "benches" / "peers" / "work" / "instructions"
-# A row that takes more than so many times as many instructions is marked, if these are not few.
+# A row whose instructions grow by more than this factor is marked, unless there are only a few.
 MOST, FEW = 1.03, 100_000
-# Steps of `transform` that have had, or may get, other names.
+# Operations of `transform` with previous or future names.
 NAMES = {"nest": ["nest", "embed"], "root": ["root", "subtree"]}
 ENVIRONMENT = {**os.environ, "RAYON_NUM_THREADS": "1", "SOURCE_DATE_EPOCH": "0", "SPINNEY_AUTHOR": "bench"}
 
 
-# Pictures
+# Rasters
 
 
 def tiff(path, pixels, nodata=None, alpha=False):
-    """Writes an array as a TIFF without compression, in strips of 64 rows; with `alpha` the last channel is opacity."""
+    """Writes an array as an uncompressed TIFF in strips of 64 rows; with `alpha` the last channel
+    is opacity."""
     pixels = numpy.ascontiguousarray(pixels if pixels.ndim == 3 else pixels[:, :, None])
     rows, columns, channels = pixels.shape
     little = pixels.astype(pixels.dtype.newbyteorder("<"), copy=False)
@@ -68,7 +71,7 @@ def tiff(path, pixels, nodata=None, alpha=False):
         *([(338, "H", extra)] if extra else []), (339, "H", [sample] * channels),
         *([(42113, "s", f"{nodata}\0".encode())] if nodata is not None else []),
     ]  # fmt: skip
-    # The directory, what does not fit into it, the strips.
+    # The directory, its out-of-line values, the strips.
     behind = 8 + 2 + 12 * len(tags) + 4
     directory, rest = len(tags).to_bytes(2, "little"), b""
     size = {"H": 2, "I": 4, "s": 1}
@@ -93,12 +96,12 @@ def tiff(path, pixels, nodata=None, alpha=False):
 
 
 def cells(side, shift=0):
-    """Columns and rows, moved."""
+    """Returns columns and rows, shifted."""
     return numpy.meshgrid(numpy.arange(side) + 37 * shift, numpy.arange(side) + 23 * shift)
 
 
 def mix(x, y):
-    """Random numbers by place."""
+    """Returns position-dependent random numbers."""
     with numpy.errstate(over="ignore"):
         z = x.astype("u8") * numpy.uint64(0x9E3779B97F4A7C15) ^ y.astype("u8") * numpy.uint64(0xC2B2AE3D27D4EB4F)
         z = (z ^ (z >> numpy.uint64(30))) * numpy.uint64(0xBF58476D1CE4E5B9)
@@ -110,7 +113,7 @@ def noise(x, y, most):
 
 
 def waves(x, y):
-    """A smooth field with detail at several scales, about -1.7 to 1.7."""
+    """Returns a smooth field with detail at several scales, about -1.7 to 1.7."""
     parts = [(700, 1.0), (150, 0.4), (31, 0.15), (7, 0.06)]
     return sum((numpy.sin(x / period) + numpy.cos(y / period * 1.3)) * size for period, size in parts)
 
@@ -128,7 +131,7 @@ def land(side, shift=0):
 
 
 def speckle(side):
-    """Twelve classes at random."""
+    """Twelve random classes."""
     return noise(*cells(side), 12).astype("u1")
 
 
@@ -162,12 +165,13 @@ def relief(side, shift=0):
 
 
 def measured(side, shift=0):
-    """Floating numbers with gaps."""
+    """Floating-point numbers with gaps."""
     x, y = cells(side, shift)
     return numpy.where(waves(3 * y, x * 2) > 1, numpy.nan, waves(x, y) * 100 + noise(x, y, 1000) / 1000)
 
 
-# Name: samples, side, options of `build`, options of `tiff`. Those with `shift` there are twice, the second as `NAME_b`.
+# Name: samples, side, options of `build`, options of `tiff`. Those with `shift` exist twice, the
+# second as `NAME_b`.
 PICTURES = {
     "uniform": (lambda side: numpy.full((side, side), 7, "u1"), 2048, "--kind categorical", {}),
     "coastline": (coastline, 2048, "--kind categorical", {}),
@@ -197,7 +201,7 @@ VOLUME_SIDE = 96
 
 
 def volume(name):
-    """Rows of X, Y, Z, VALUE: a ball of values."""
+    """Returns rows of X, Y, Z, VALUE: a ball of values."""
     side = VOLUME_SIDE
     z, y, x = (axis.ravel() for axis in numpy.meshgrid(*[numpy.arange(side)] * 3, indexing="ij"))
     field = waves(x * 6, y * 6) + numpy.sin(z / 9)
@@ -212,7 +216,7 @@ def volume(name):
     return numpy.stack([x, y, z, values], axis=1)[inside].astype("f4")
 
 
-# Trees without anything in them, to be filled by edits: no importer makes volumes.
+# Empty trees, to be filled by edits, since no importer makes volumes.
 
 TYPES = ["u8", "u16", "i16", "u32", "i32", "f32", "f64"]
 RULES = ["mean", "majority", "dominant", "min", "max", "nearest", "occupancy"]
@@ -240,7 +244,7 @@ def empty_tree(path, extent, sample, channels, kind, rule):
     header += b"".join(number(cells, 8, "little") for cells in extent)
     header += number(crc32c(header), 4, "little")
     frame = numpy.eye(4)[:3].astype("<f8").tobytes()
-    # Version 1, the frame, nothing else; one level, with one VOID node.
+    # Version 1, the frame, no other metadata; one level, with one VOID node.
     metadata = b"\x01" + frame + bytes(9) + b"\x01" + b"\x01\x00\x00" + bytes(3)
     end = 60 + len(metadata)
     whole = end + 68 + 2 * 24 + 16
@@ -260,7 +264,7 @@ class Bench:
         self.options = options
         self.work = options.work
         self.work.mkdir(parents=True, exist_ok=True)
-        # Valgrind reads what debuggers need, which takes longer than most jobs.
+        # Valgrind reads debug information, which takes longer than most jobs.
         self.program = self.stripped(options.program, "spinney")
         self.bench = self.stripped(options.bench, "instructions")
         self.made = set()
@@ -279,13 +283,13 @@ class Bench:
         return self.work / name
 
     def native(self, *words):
-        """Runs the program as it is, to make something that jobs need."""
+        """Runs the program natively, to make inputs of jobs."""
         done = subprocess.run([self.program, "-q", *map(str, words)], env=ENVIRONMENT, cwd=self.work, capture_output=True)
         if done.returncode:
             raise Failure(f"spinney {' '.join(map(str, words))}: {done.stderr.decode().strip()}")
 
     def once(self, name, make):
-        """A file that is made once per run; pictures stay for the next."""
+        """Makes a file once per run; rasters stay for the next run."""
         path = self.path(name)
         if name not in self.made:
             if not name.endswith((".tif", ".npy")):
@@ -305,7 +309,7 @@ class Bench:
         return self.once(f"{name}.tif", lambda path: tiff(path, make(*shifted), **more))
 
     def words(self, name):
-        """What `build` is told about an input."""
+        """Returns the `build` options of an input."""
         if name in VOLUMES:
             raise KeyError(name)
         if name.startswith("solid"):
@@ -314,7 +318,7 @@ class Bench:
         return [self.picture(name), *PICTURES[name.removesuffix("_b")][2].split()]
 
     def tree(self, name):
-        """A tree by its name: `rgb.goblin`, `rgb.autumn`, `rgb.share.autumn`."""
+        """Returns a tree by its name: `rgb.goblin`, `rgb.autumn`, `rgb.share.autumn`."""
         base = name.split(".")[0]
         share = ["--share"] if ".share." in name else []
         if base in VOLUMES and name.endswith(".autumn"):
@@ -337,13 +341,13 @@ class Bench:
         return self.once(f"{name}.npy", lambda path: write_array(path, volume(name)))
 
     def fresh(self, name):
-        """A copy that may be changed."""
+        """Returns a copy that may be changed."""
         copy = self.path("edited.autumn")
         shutil.copy(self.path(self.tree(name)), copy)
         return copy.name
 
     def count(self, command):
-        """Instructions of a run and what it printed."""
+        """Returns the instructions of a run and its output."""
         log = self.work / "valgrind.log"
         valgrind = ["valgrind", "--tool=cachegrind", "--cache-sim=no", "--cachegrind-out-file=/dev/null"]
         words = [*([] if self.options.native else [*valgrind, f"--log-file={log}"]), *map(str, command)]
@@ -358,7 +362,7 @@ class Bench:
         return int(re.search(r"I\s+refs:\s+([\d,]+)", log.read_text())[1].replace(",", "")), answer
 
     def idle(self, *command):
-        """Instructions of a run that only starts and stops."""
+        """Returns the instructions of a run that only starts and stops."""
         if command not in self.known:
             self.known[command] = self.count(command)[0]
         return self.known[command]
@@ -377,7 +381,7 @@ def write_array(path, array):
 
 
 def spellings(words):
-    """A command with all names that its steps may have."""
+    """Yields a command with all names that its operations may have."""
     for index, word in enumerate(words):
         names = NAMES.get(str(word).split("=")[0], []) if "=" in str(word) else []
         if names:
@@ -387,7 +391,7 @@ def spellings(words):
 
 
 def program(*words, trees=(), makes=None, edits=None):
-    """A row about a command of the program. Words with `{}` are the trees, or the file that is edited."""
+    """A row for a command of the program. Words with `{}` are the trees, or the edited file."""
 
     def row(bench):
         names = [bench.tree(tree) for tree in trees]
@@ -422,12 +426,12 @@ def build(name, output, *more):
 
 
 def paste(name, target, *more):
-    """A picture that is pasted as it is."""
+    """Pastes an unchanged raster."""
     return lambda bench: program("edit", "{edited}", "paste", bench.picture(name), *more, edits=target)(bench)
 
 
 def set_cells(target, side, axes, channels, count):
-    """Random cells of a tree that is edited."""
+    """Sets random cells of an edited tree."""
 
     def row(bench):
         def make(path):
@@ -442,7 +446,7 @@ def set_cells(target, side, axes, channels, count):
 
 
 def fill_volume(name):
-    """All cells of a volume, into a tree that is VOID."""
+    """Sets all cells of a volume in a VOID tree."""
 
     def row(bench):
         bench.tree(f"{name}.autumn")
@@ -472,7 +476,7 @@ SOLIDS = {
     "solid_dirty": ("nasty/301921.stl", 128),
     "solid_open": ("bunny.ply", 128),
 }
-# Name: how it is made of other trees.
+# Name: how it is made from other trees.
 MADE = {
     "solid_b": ("transform", "solid.goblin", "--move", "translate=21,13,6"),
     "solid_cut": ("transform", "solid.goblin", "window=9,5,3,200,240,190"),
@@ -480,7 +484,7 @@ MADE = {
     "rgb_far": ("transform", "rgb_b.goblin", "--move", "translate=301,205"),
 }
 COMBINED = ["union", "and", "a-b", "xor", "over", "min", "add", "changed"]
-# Questions per file; to Autumnal files a third, and more where an answer takes little.
+# Queries per file; a third of them for Autumnal files, and more for fast queries.
 MANY = {"uniform": 30, "coastline": 2}
 JOBS = {
     "descent": 150_000,
@@ -496,7 +500,7 @@ JOBS = {
 
 
 def rows():
-    """All rows by name: functions of a bench."""
+    """Returns all rows by name, as functions of a bench."""
     table = {}
 
     def add(name, row):
@@ -568,7 +572,7 @@ def rows():
         transform("land", "window=133,77,640,650", kind=kind)
         transform("land", "window=100,100,500,500", "rotate=30", kind=kind)
         transform("land", "rotate=90", kind=kind, output="out.autumn")
-    # Boxes with some surface in them.
+    # Boxes that contain some surface.
     boxes = {"solid": ("45,60,50,120,130,110", "64,64,64,64,128,64"), "volume_f32": ("13,7,21,64,64,64", "0,0,0,64,64,64")}
     inside = {"solid": "window=60,90,60,80,90,80", "volume_f32": "window=16,16,16,40,40,40"}
     for name in [*solid, "volume_f32"]:

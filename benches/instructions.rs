@@ -1,15 +1,15 @@
-//! One job with one tree file per run, so that the instructions it takes can be counted from outside.
+//! One job with one tree file per run, so that its instructions can be counted externally.
 //!
 //! `cargo bench --bench instructions -- JOB FILE [COUNT]`
 //!
-//! Times on a busy machine are too noisy to tell whether a change made questions a few percent slower; the instructions
-//! of a run are the same every time. `benches/instructions.py` runs all jobs with many files under valgrind, subtracts what
-//! opening the file takes, and compares two states of the project; see there.
+//! Times on a busy machine are too noisy to detect changes of a few percent; the instruction count
+//! of a run is the same every time. `benches/instructions.py` runs all jobs with many files under
+//! valgrind, subtracts the cost of opening the file, and compares two states of the project.
 //!
-//! A job asks the same questions every time, COUNT of them, and prints a number that depends on the answers: two states of
-//! the project must agree about it. The jobs:
+//! A job runs the same COUNT queries every time, and prints a checksum of their results, which must
+//! be the same in both states of the project. The jobs:
 //!
-//! | job | question |
+//! | job | query |
 //! | --- | --- |
 //! | `open` | none; the file is opened and closed COUNT times |
 //! | `descent` | the value of one cell of the deepest level |
@@ -32,7 +32,7 @@ use measuring::{Outcome, Random};
 use spinney::query::{Condition, PointSamples};
 use spinney::{Bounds, Dataset, Number};
 
-/// A job, and how many questions it asks unless it is told.
+/// A job, and its default number of queries.
 type Job = (&'static str, u64, fn(&Dataset, u64, &mut Answers) -> Outcome<()>);
 
 const JOBS: [Job; 10] = [
@@ -73,12 +73,12 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// All that is asked of the library besides questions.
+/// Opens a dataset; all other library calls are queries.
 fn opened(path: &Path) -> spinney::Result<Dataset> {
     spinney::open(path)
 }
 
-/// A number that depends on all answers and on their order.
+/// A checksum of all results that depends on their order.
 struct Answers(u64);
 
 impl Answers {
@@ -90,13 +90,13 @@ impl Answers {
         numbers.iter().for_each(|number| self.add(number.to_bits()));
     }
 
-    /// A few of many bytes: looking at all takes longer than drawing a tile.
+    /// Adds a sample of many bytes: adding all takes longer than drawing a tile.
     fn add_some(&mut self, bytes: &[u8]) {
         bytes.iter().step_by(1021).for_each(|byte| self.add(u64::from(*byte)));
     }
 }
 
-/// A cell in a picture of so many.
+/// Returns a random cell of an extent.
 fn cell(extent: [u64; 3], random: &mut Random) -> [u64; 3] {
     extent.map(|cells| if cells > 1 { random.below(cells) } else { 0 })
 }
@@ -173,7 +173,7 @@ fn windows(
     Ok(())
 }
 
-/// A box between two cells of the picture.
+/// Returns a box between two random cells.
 fn cuboid(tree: &Dataset, random: &mut Random) -> Bounds {
     let extent = tree.header().extent;
     let (a, b) = (cell(extent, random), cell(extent, random));
@@ -214,7 +214,7 @@ fn find(tree: &Dataset, count: u64, answers: &mut Answers) -> Outcome<()> {
     let (low, high) = tree.value_bounds()?.first().copied().unwrap_or_default();
     let condition = Condition::Above(((low + high) / 2.0).into());
     for _ in 0..count {
-        // Not more than so many, since each has a text.
+        // At most this many, since each has a string.
         let mut left = 1000;
         tree.find(condition, Some(cuboid(tree, &mut random)), &(), &mut |block| {
             answers.add(block.bounds.min[0] ^ block.bounds.max[1] << 32 ^ u64::from(block.level));

@@ -1,11 +1,13 @@
-//! Building quadtrees by prediction (item 16 of docs/literature.md) beside the builder, on one thread, of cells in memory.
+//! Predictive quadtree construction (item 16 of docs/literature.md) compared with the builder, on
+//! one thread, with cells in memory.
 //!
 //! `cargo bench --bench predictive`
 //!
-//! Prints processor time of building the tree alone, which has no values of inner nodes, by prediction; of it and making a file of it; and of making the
-//! file of the same cells by the builder, the best of some runs each. Files go to `/dev/shm` where it is there.
+//! Prints the processor time of predictive construction alone, without values of inner nodes; of
+//! construction and writing the file; and of the builder's file of the same cells; the best of some
+//! runs each. Files go to `/dev/shm` if it exists.
 
-#[allow(dead_code)] // nothing here is left to chance, and no median is taken
+#[allow(dead_code)] // neither random numbers nor medians are needed here
 mod measuring;
 #[path = "../tests/literature/predictive/tree.rs"]
 mod tree;
@@ -21,10 +23,10 @@ use tree::{PredictedSource, PredictiveTree};
 const RUNS: usize = 5;
 const SIDE: u64 = 8192;
 
-/// Bit above the bytes of a cell where it is VOID.
+/// Bit above a cell's bytes that marks VOID.
 const VOID: u64 = 1 << 40;
 
-/// Cells of a picture, row by row.
+/// Cells of a raster, row by row.
 struct Picture<T> {
     form: TreeType,
     kind: DataKind,
@@ -49,14 +51,14 @@ impl<T: Copy + Eq + Sync> Picture<T> {
         Ok(())
     }
 
-    /// Builds from bytes in rows, as readers of pictures hand them out.
+    /// Builds from bytes in rows, as raster readers return them.
     fn build(&self, bytes: &[u8], valid: Option<&[bool]>, path: &Path) -> Outcome<()> {
         let mut rows = Rows { size: self.size, bytes, valid, next: 0 };
         build_slabs(self.form, &mut rows, None, &self.options(), Output::create(path)?, &())?;
         Ok(())
     }
 
-    /// A row of the table.
+    /// Measures a row of the table.
     fn measure(&self, name: &str, folder: &Path) -> Outcome<()> {
         let value = |cell: &T| (self.value)(*cell);
         let width = self.form.width();
@@ -92,7 +94,7 @@ impl<T: Copy + Eq + Sync> Picture<T> {
     }
 }
 
-/// Rows of a picture in memory.
+/// Rows of a raster in memory.
 struct Rows<'p> {
     size: [u64; 3],
     bytes: &'p [u8],
@@ -142,7 +144,8 @@ fn fixture(name: &str) -> Outcome<Picture<u64>> {
     Ok(Picture { form: header.form, kind: header.kind, size: header.extent, cells, outside: VOID, value })
 }
 
-/// Land cover: borders as rough as those of a shore between patches of some classes, and `speckles` in a million cells of others.
+/// Returns land cover: patches of some classes with borders as rough as a shoreline, and `speckles`
+/// cells of other classes per million.
 fn classes(speckles: u64) -> Picture<u8> {
     let cell = |i: u64| {
         let (x, y) = (i % SIDE, i / SIDE);
@@ -167,7 +170,8 @@ fn mix(x: u64, y: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Noise between 0 and 1 whose details are half as high when they are half as wide, from 2048 cells to 16.
+/// Returns fractal noise between 0 and 1, with wavelengths from 2048 to 16 cells; amplitude halves
+/// with wavelength.
 fn fractal(x: u64, y: u64) -> f64 {
     let mut sum = 0.0;
     for octave in 0..8 {

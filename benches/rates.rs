@@ -1,12 +1,14 @@
-//! Rates of questions to tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
+//! Query rates of tree files, on one thread: windows of 256 x 256 cells, single cells, statistics.
 //!
-//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows LIST] [--cold] FILE...`
+//! `cargo bench --bench rates -- [--only windows|unaligned|cells|statistics|points] [--windows
+//! LIST] [--cold] FILE...`
 //!
-//! Of octrees only points are measured: random cells of all of their space, one by one and very many at once; of Autumnal
-//! files only windows.
+//! For octrees only points are measured: random cells of the whole space, one by one and in large
+//! batches; for Autumnal files only windows.
 //!
-//! Files are warm; with `--cold` no segment of a packed file is unpacked when a window or a single cell is asked for. LIST has a window a line, `UP COLUMN ROW`: levels above the finest, and the first cell; without it,
-//! aligned windows at random levels are read.
+//! Files are warm; with `--cold` no segment of a packed file is unpacked before a window or a
+//! single cell is read. LIST has a window per line, `UP COLUMN ROW`: levels above the finest, and
+//! the first cell; without it, aligned windows at random levels are read.
 
 mod measuring;
 
@@ -25,7 +27,7 @@ const WINDOWS: usize = 4000;
 const PASSES: usize = 5;
 const CELLS: usize = 1_000_000;
 const POINTS: usize = 8_000_000;
-/// Windows, and single cells, that are asked for where nothing is unpacked.
+/// Number of windows and of single cells that are read with nothing unpacked.
 const COLD: usize = 400;
 const BOXES: usize = 300;
 const BOX_SIDE: u64 = 4096;
@@ -74,22 +76,22 @@ fn main() -> Outcome<()> {
     Ok(())
 }
 
-/// Draws a window of a level and tells how many segments that took.
+/// Draws a window of a level. Returns the number of segments read.
 type Draw<'a> = dyn Fn(u8, &Bounds, &mut [u8]) -> spinney::Result<usize> + 'a;
 
-/// A quadtree of which windows are drawn.
+/// A quadtree whose windows are drawn.
 struct Drawn<'a> {
     header: &'a Header,
     draw: &'a Draw<'a>,
     is_cold: bool,
 }
 
-/// Forgets all that was unpacked of packed files.
+/// Drops all unpacked segments of packed files.
 fn forget_unpacked() {
     let access = FileAccess::default();
     let cache = access.unpacked();
     let limit = cache.limit();
-    // (What was put last is held in any case.)
+    // The cache always holds its newest entry.
     cache.set_limit(0);
     cache.put(u64::MAX, 0, Arc::new(vec![0]));
     cache.set_limit(limit);
@@ -147,7 +149,7 @@ fn window_from([column, row]: [u64; 2]) -> Bounds {
     Bounds { min: [column, row, 0], max: [column + SIDE, row + SIDE, 1] }
 }
 
-/// Windows at random places of random levels with more than one window.
+/// Returns windows at random positions of random levels with more than one window.
 fn random_windows(header: &Header, aligned: bool) -> Vec<(u8, Bounds)> {
     let depth = header.depth();
     let first = 8.min(depth);
@@ -167,7 +169,7 @@ fn read_list(file: &str) -> Outcome<Vec<[u64; 3]>> {
     std::fs::read_to_string(file)?.lines().map(line).collect()
 }
 
-/// What is known of the windows of one level.
+/// Measurements of the windows of one level.
 #[derive(Default)]
 struct Level {
     micros: Vec<f64>,
@@ -180,7 +182,7 @@ fn windows(tree: &Drawn<'_>, name: &str, places: &[(u8, Bounds)]) -> Outcome<()>
     let first = places.iter().map(|(level, _)| *level).min().unwrap_or(depth);
     let mut bytes = vec![0; (SIDE * SIDE) as usize * tree.header.form.width()];
     let mut rates = Vec::new();
-    // A window's time is the median of the passes: other processes interrupt now and then.
+    // A window's time is the median of the passes, since other processes interrupt occasionally.
     let mut times = vec![[0.0; PASSES]; places.len()];
     let mut levels: Vec<Level> = (first..=depth).map(|_| Level::default()).collect();
     for pass in 0..=PASSES {

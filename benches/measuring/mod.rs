@@ -1,11 +1,11 @@
-//! What benches that print tables share: chance, processor time, medians.
+//! Common code of benches that print tables: random numbers, processor time, medians.
 
 use std::error::Error;
 use std::time::Instant;
 
 pub(crate) type Outcome<T> = Result<T, Box<dyn Error>>;
 
-/// The same numbers every time.
+/// Deterministic pseudorandom numbers.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -18,13 +18,14 @@ impl Random {
     }
 }
 
-/// Nanoseconds of processor time of this thread, so that other processes do not count.
+/// Nanoseconds of this thread's processor time, so that other processes do not count.
 fn processor_time() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     text.split(' ').next()?.parse().ok()
 }
 
-/// Seconds of work: processor time where the system tells, else time.
+/// Returns the seconds that work takes: processor time if the system reports it, otherwise wall
+/// time.
 pub(crate) fn seconds(work: impl FnOnce() -> Outcome<()>) -> Outcome<f64> {
     let (processor, clock) = (processor_time(), Instant::now());
     work()?;

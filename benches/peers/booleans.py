@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
-"""Set operations on exact models: `spinney combine` against manifold3d and libigl's exact arrangements.
+"""Set operations on exact models: `spinney combine` against manifold3d and libigl's exact
+arrangements.
 
     booleans.py             pairs, armadillo and coplanar
     booleans.py --large     two bumpy tori of 12.8 million triangles, too
-    booleans.py pairs       that alone (`pairs NAME ...`: these pairs alone); also armadillo, coplanar, large
+    booleans.py pairs       only that (`pairs NAME ...`: these pairs);
+                            also armadillo, coplanar, large
 
-All sides get the same triangles, with corners on a grid whose width is a power of two. The referee of volumes is libigl, and manifold3d
-beside it. Pairs and referees' volumes are made once, in benches/peers/work/booleans or in PAIRS; surfaces that are open, or pass through
-themselves, are mended by Spinney first, and what that gives is what all sides get. The program is target/release/spinney, or SPINNEY.
+All sides get the same triangles, with vertices on a grid whose unit is a power of two. Reference
+volumes are libigl's, in addition manifold3d's. Pairs and reference volumes are made once, in
+benches/peers/work/booleans or in PAIRS; surfaces that are open or intersect themselves are repaired
+by Spinney first, and all sides get the result. The program is target/release/spinney, or SPINNEY.
 Each side has one thread.
 """
 
@@ -26,11 +29,11 @@ from exact import MESH, PYTHON, READ, TORUS, install, python, spinney
 
 PAIRS = Path(os.environ.get("PAIRS", WORK / "booleans"))
 VOLUMES = PAIRS / "volumes.json"
-STEPS = 2**25  # along the longest side of a pair's box, at most
+STEPS = 2**25  # grid units along the longest side of a pair's box, at most
 GOAL = 1e-9
-LIMIT = 150  # seconds that a referee may take for a pair
-PATIENCE = 10  # seconds for building and mending a body of a pair
-PLENTY = 120  # seconds that libigl may take for an operation that is measured
+LIMIT = 150  # seconds allowed for a reference per pair
+PATIENCE = 10  # seconds allowed for building and repairing a solid of a pair
+PLENTY = 120  # seconds allowed for libigl per measured operation
 SHOWN = (1, 7, 2)
 NAMES = {1: "A and B", 7: "A or B", 2: "A without B"}
 
@@ -47,7 +50,8 @@ OTHERS = [
     *((NASTY[i], NASTY[i + 1]) for i in range(0, 12, 2)),
     (NASTY[11], NASTY[12]),
 ]
-# The second body lies: "turned" also, "slid" along x only, "beside" by its width along x, "same" at the same place, "within" and smaller.
+# Position of the second solid: `turned` is also rotated, `slid` is moved only along x, `beside` is
+# moved by its width along x, `same` is at the same position, `within` is smaller and inside.
 MADE = [
     ("cube", "cube", "turned"),
     ("cube", "cube", "beside"),
@@ -63,7 +67,7 @@ MADE = [
 
 
 def pairs_of():
-    """Name: first mesh, second mesh, how that one lies."""
+    """Name: first mesh, second mesh, position of the second."""
     found = {f"{Path(mesh).stem}": (mesh, mesh, "moved") for mesh in CLEAN + NASTY}
     for number, (a, b) in enumerate(OTHERS):
         found[f"{Path(a).stem}_{Path(b).stem}"] = (a, b, "turned" if number in (1, 3) else "scaled")
@@ -72,11 +76,12 @@ def pairs_of():
     return found
 
 
-# What follows, until `inside`, runs in processes of its own: NumPy is there.
+# The following functions, up to `inside`, run in separate processes with NumPy.
 
 
 def triangulated(ring, flat):
-    """A polygon's triangles, none without area, by cutting off ears; `flat` are its corners as whole numbers, counterclockwise."""
+    """Returns a polygon's triangles, none without area, by ear clipping; `flat` are its vertices as
+    integers, counterclockwise."""
 
     def area(a, b, c):
         (ax, ay), (bx, by), (cx, cy) = flat[a], flat[b], flat[c]
@@ -89,7 +94,7 @@ def triangulated(ring, flat):
     left, found = list(ring), []
     while len(left) > 3:
         ends = [(left[at - 1], left[at], left[(at + 1) % len(left)]) for at in range(len(left))]
-        # There and back again is nothing; an ear is a triangle.
+        # A reversed pair of edges encloses nothing; an ear is a triangle.
         at = next((at for at, (a, b, c) in enumerate(ends) if a == c), None)
         if at is None:
             at = next(at for at, end in enumerate(ends) if is_ear(*end))
@@ -101,7 +106,7 @@ def triangulated(ring, flat):
 
 
 def read_off(path):
-    """Points, and faces as lists."""
+    """Returns points, and faces as lists."""
     import numpy as np
 
     lines = [line for line in Path(path).read_text().split("\n")[1:] if line and not line.startswith("#")]
@@ -160,7 +165,8 @@ def volume(points, faces):
 
 
 def raw(name, rng):
-    """A mesh of the test data, or one that is made: a cube, a torus, a heap of tetrahedra, many of which overlap."""
+    """Returns a mesh of the test data, or a generated one: a cube, a torus, a heap of tetrahedra,
+    many of which overlap."""
     import igl
     import numpy as np
 
@@ -188,7 +194,7 @@ def extent(points):
 
 
 def snapped(points, faces, width):
-    """On the grid, equal points as one, without faces that are none any more."""
+    """Snaps to the grid, merges equal points, and drops degenerate faces."""
     import numpy as np
 
     points, at = np.unique(np.round(points / width) * width + 0.0, axis=0, return_inverse=True)
@@ -197,7 +203,8 @@ def snapped(points, faces, width):
 
 
 def body(points, faces, width):
-    """The same on the grid, as `spinney build --close --repair` mends it where it is not a body."""
+    """Returns the same on the grid, repaired by `spinney build --close --repair` if it is not a
+    solid."""
     import numpy as np
 
     points, faces = snapped(points, faces, width)
@@ -215,7 +222,7 @@ def body(points, faces, width):
         faces = []
         for ring in polygons:
             corners = [list(map(int, whole[corner])) for corner in ring]
-            # Newell's normal, in whole numbers.
+            # Newell's normal, in integers.
             normal = [0, 0, 0]
             for p, q in zip(corners, corners[1:] + corners[:1]):
                 for axis in range(3):
@@ -231,7 +238,7 @@ def body(points, faces, width):
 
 
 def make(name, first, second, how, ending=".off", fraction=None):
-    """Writes NAME_a and NAME_b, and prints the grid's width and the numbers of triangles."""
+    """Writes NAME_a and NAME_b, and prints the grid unit and the numbers of triangles."""
     import numpy as np
 
     rng = np.random.default_rng(zlib.crc32(name.encode()))
@@ -244,7 +251,7 @@ def make(name, first, second, how, ending=".off", fraction=None):
     if how in ("turned", "scaled", "within"):
         b = b * (extent(a) / extent(b) * (0.37 if how == "within" else rng.uniform(0.6, 1.1)))
     room = (2 if how == "beside" else 1.4) * max(extent(a), extent(b))
-    # A surface may be resolved on one grid, and not on another.
+    # A surface may be resolvable on one grid, and not on another.
     for step in range(4):
         width = 2.0 ** (math.ceil(math.log2(room / STEPS)) + step)
         try:
@@ -276,7 +283,8 @@ def as_manifold(points, faces):
 
 
 def referee(peer, a, b):
-    """Prints the volumes of A and B, A without B, B without A; of the bodies themselves; and the seconds."""
+    """Prints the volumes of A and B, A without B, B without A; of the solids themselves; and the
+    seconds."""
     (a, a_faces), (b, b_faces) = read(a), read(b)
     found = {}
     if peer == "libigl":
@@ -299,7 +307,7 @@ def referee(peer, a, b):
 
 
 def closed(*paths):
-    """Prints of which files each directed edge is there as often as its opposite, by coordinates."""
+    """Prints which files use each directed edge as often as its opposite, by coordinates."""
     import numpy as np
 
     found = []
@@ -314,7 +322,8 @@ def closed(*paths):
 
 
 def measured(peer, code, a, b):
-    """One operation: prints the seconds of reading, of importing, and of the operation alone; peak MiB, triangles, volume."""
+    """Runs one operation: prints the seconds of reading, of importing, and of the operation alone;
+    peak MiB, triangles, volume."""
     import resource
 
     os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
@@ -347,7 +356,7 @@ def measured(peer, code, a, b):
 
 
 def tori(path, other):
-    """A bumpy torus on a grid, and a shifted copy; prints the grid's width."""
+    """Writes a bumpy torus on a grid, and a shifted copy; prints the grid unit."""
     import numpy as np
 
     points, faces = read_ply(path)
@@ -362,13 +371,13 @@ INSIDE = {"make": make, "referee": referee, "closed": closed, "measured": measur
 
 
 def inside(*words, timeout=None):
-    """Runs a function of the above in the virtual environment, and gives what it prints."""
+    """Runs a function of the above in the virtual environment, and returns its output."""
     command = [PYTHON, "-B", __file__, "inside", *map(str, words)]
     return json.loads(subprocess.run(command, check=True, capture_output=True, text=True, timeout=timeout).stdout)
 
 
 def prepared(asked):
-    """All pairs, with the volumes of the referees."""
+    """Returns all pairs, with the reference volumes."""
     PAIRS.mkdir(parents=True, exist_ok=True)
     known = json.loads(VOLUMES.read_text()) if VOLUMES.exists() else {}
     for name, words in pairs_of().items():
@@ -402,13 +411,14 @@ def facts_of(model):
 
 
 def minterms(code, of):
-    """The volume of a result: with bit 8 all of space belongs to it, which counts nothing, and what is missing counts negative."""
+    """Returns a result's volume: with bit 8 the exterior belongs to it, which counts as zero, and
+    missing regions count negative."""
     parts = [of["both"], of["a_only"], of["b_only"]]
     return math.fsum(part * ((code >> bit & 1) - (code >> 3)) for bit, part in enumerate(parts))
 
 
 def residual(of, a, b):
-    """How far parts are from making up the whole, as a share of A or B."""
+    """Returns the deviation of the sum of the components from the whole, relative to A or B."""
     whole = of["both"] + of["a_only"] + of["b_only"]
     return max(abs(of["both"] + of["a_only"] - a), abs(of["both"] + of["b_only"] - b)) / whole
 
@@ -445,7 +455,7 @@ def pairs(asked):
             peer: max((abs(value - minterms(code, found)) / union for code, value in volumes.items()), default=math.nan)
             for peer, found in known.items()
         }
-        # What A and B have together is A or B, and what they have in common.
+        # A and B together are their union plus their intersection.
         told, whole, parts = [facts_of(model)["volume"] for model in (a, b)], volumes.get(7, math.nan), (1, 2, 4)
         ours = {key: volumes.get(code, math.nan) for key, code in zip(("both", "a_only", "b_only"), parts)}
         sums = [abs(whole + ours["both"] - sum(told)) / union, residual(ours, *told), abs(sum(ours.values()) - whole) / union]
@@ -479,7 +489,7 @@ def pairs(asked):
 
 
 def peer_median(peer, code, a, b, times):
-    """None if libigl is too slow for that."""
+    """Returns None if libigl is too slow."""
     try:
         found = [inside("measured", peer, code, a, b, timeout=PLENTY if peer == "libigl" else None) for _ in range(times)]
     except subprocess.TimeoutExpired:
@@ -489,7 +499,7 @@ def peer_median(peer, code, a, b, times):
 
 
 def operations(bodies, peers=("manifold3d", "libigl"), codes=SHOWN):
-    """A line of a table for each operation: bodies are names, mesh files and the grid's width."""
+    """Prints a table row for each operation: solids are names, mesh files and the grid unit."""
     rows, times = [], int(os.environ.get("RUNS", 3))
     for name, a, b, width in bodies:
         first, second, out = model_of(a, width), model_of(b, width), WORK / "result.goblin"
@@ -528,7 +538,7 @@ def armadillo():
 
 
 def coplanar():
-    """A body with a copy that lies along faces of its own."""
+    """A solid with a copy that coincides with some of its own faces."""
     bodies = []
     for name, mesh, how in [("cubes", "cube", "slid"), ("fandisk", "fandisk.ply", "slid")]:
         if "." in mesh and not (MESH / mesh).exists():
@@ -539,7 +549,7 @@ def coplanar():
 
 
 def large():
-    """Union alone: libigl would take hours."""
+    """Only the union: libigl would take hours."""
     a, b = PAIRS / "torus_large_a.ply", PAIRS / "torus_large_b.ply"
     python(TORUS, 4000, 1600, a)
     width = inside("tori", a, b)

@@ -1,10 +1,11 @@
-// Windows in the JavaScript package, beside geotiff.js, both with the file in memory:
+// Windows in the JavaScript package, compared with geotiff.js, both with the file in memory:
 //
-//     npm install geotiff        (somewhere; NODE_PATH or the third argument says where)
-//     node benches/peers/browser.mjs TREE.goblin COG.tif [FOLDER/node_modules/geotiff]
+//     npm install geotiff        (NODE_PATH or the third argument gives its location)
+//     `node benches/peers/browser.mjs TREE.goblin COG.tif [DIRECTORY/node_modules/geotiff]`
 //
-// 1,000 windows of 256 x 256 cells at random places of random levels, the same for both, aligned to nothing; and what the module weighs.
-// The COG may be the one that `spinney export TREE.goblin COG.tif --tile-size 256` writes.
+// 1,000 unaligned windows of 256 x 256 cells at random positions of random levels, the same for
+// both; and the size of the module. The COG may be written by `spinney export TREE.goblin COG.tif
+// --tile-size 256`.
 
 import { readFileSync } from "node:fs";
 import { fileURLToPath, pathToFileURL } from "node:url";
@@ -45,7 +46,7 @@ async function time(name, work) {
   return seconds;
 }
 
-// (Some samples, to see that they are the same: going through all takes longer than reading them.)
+// A subset of the samples, to compare both: adding all takes longer than reading them.
 const add = (sum, data) => {
   for (let at = 0; at < data.length; at += 97) sum += data[at];
   return sum;

@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Building: `spinney build` against GDAL's COG writer and libvips pyramids; sizes of files."""
+"""Building: `spinney build` against GDAL's COG writer and libvips pyramids; file sizes."""
 
 from common import CLASSES, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, cog, runs, start, table, verdict
 
-# Name, input, our options, GDAL's options, most of GDAL's CPU, most of its memory (share) or MiB.
+# Name, input, our options, GDAL's options, maximum share of GDAL's CPU time, maximum share of its
+# memory, or MiB.
 CASES = [
     ("shoreline", SHORELINE, ["--rule", "majority"], ["OVERVIEW_RESAMPLING=MODE"], 1 / 8, 200),
     ("earth", EARTH, ["--rule", "mean"], ["OVERVIEW_RESAMPLING=AVERAGE", "PREDICTOR=YES"], 1 / 2, None),

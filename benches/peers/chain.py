@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
-"""A thousand set operations one after the other on an exact model, a process each: `spinney combine`, from file to file.
+"""A thousand consecutive set operations on an exact model, in a process each: `spinney combine`,
+from file to file.
 
     chain.py [COUNT]
 
-Tetrahedra are taken away from a box (`carve`), and random operations (or, or without) are done with tetrahedra in a row (`mixed`), with a
-fixed seed, on a grid of a thousandth. Of both: processor seconds of all operations and of the last ten; the volume beside that of manifold3d, which does the
-same in one process; a thousand points counted as inside or not by the operations on the tetrahedra that they are in (but for those nearer than 0.01
-to any plane); and `spinney verify` of every hundredth result. The peers are installed as for exact.py. The program is target/release/spinney, or
-SPINNEY.
+Tetrahedra are subtracted from a box (`carve`), and random operations (or, or without) are applied
+to tetrahedra in a row (`mixed`), with a fixed seed, on a grid of a thousandth. Reports for both:
+processor seconds of all operations and of the last ten; the volume next to that of manifold3d,
+which does the same in one process; the classification of a thousand points, compared with the
+operations applied to each tetrahedron's classification (except points within 0.01 of any plane);
+and `spinney verify` of every hundredth result. The peers are installed as for exact.py. The program
+is target/release/spinney, or SPINNEY.
 """
 
 import json
@@ -39,7 +42,7 @@ def tetrahedron():
 
 
 def inside(corners, point):
-    """Whether a point is in a tetrahedron; None nearer than 0.01 to a plane."""
+    """Whether a point is in a tetrahedron; None within 0.01 of a plane."""
     found = True
     for a, b, c in ([corners[i] for i in face] for face in FACES):
         u, v = ([q - p for p, q in zip(a, to)] for to in (b, c))
@@ -56,7 +59,8 @@ def apply(operation, a, b):
 
 
 def peer():
-    """Prints the volume and the processor seconds of manifold3d, for bodies and operations on standard input."""
+    """Prints the volume and the processor seconds of manifold3d, for solids and operations on
+    standard input."""
     import numpy as np
     from manifold3d import Manifold, Mesh64
 

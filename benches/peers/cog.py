@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""A cloud-optimized GeoTIFF with exact overviews from a tree, against GDAL's COG driver with MODE from the TIFF."""
+"""A cloud-optimized GeoTIFF with exact overviews from a tree, against GDAL's COG driver with MODE
+from the TIFF."""
 
 from common import CLASSES, SHORELINE, SPINNEY, WORK, runs, start, table, tree, verdict
 

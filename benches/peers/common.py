@@ -1,5 +1,7 @@
-"""What the scripts here share: places, measured runs, tables."""
+"""Common code of these scripts: paths, measured runs, tables."""
 
+import datetime
+import json
 import os
 import shutil
 import signal
@@ -11,6 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data" / "raster" / "large"
 WORK = ROOT / "benches" / "peers" / "work"
+RESULTS = ROOT / "benches" / "results.json"
+FIELDS = ["area", "job", "peer", "peer_figure", "ours", "ratio", "unit", "command", "machine", "date", "commit", "note"]
 SPINNEY = Path(os.environ.get("SPINNEY", ROOT / "target" / "release" / "spinney"))
 SHORELINE = DATA / "shoreline_43200x21600_u8.tif"
 CLASSES = DATA / "classes12_8192x4096_u8.tif"
@@ -19,8 +23,8 @@ RELIEF = DATA / "relief_4320x2160_i16.tif"
 
 
 def start(data=True, peer="gdal_translate"):
-    """Leaves, saying so, if the data are not there."""
-    # Jobs in the background inherit ignored interrupts.
+    """Exits with a message if the data does not exist."""
+    # Background jobs inherit ignored signals.
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_DFL)
     if data and not DATA.is_dir():
@@ -34,14 +38,14 @@ def start(data=True, peer="gdal_translate"):
 
 
 def once(command, stdin=None, stdout=subprocess.DEVNULL):
-    """CPU seconds, wall seconds and peak MiB of one run.
+    """Returns CPU seconds, wall seconds and peak MiB of one run.
 
-    A child inherits its parent's peak: keep NumPy out of processes that call this.
+    A child inherits its parent's peak memory: do not import NumPy in processes that call this.
     """
     import time
 
     began = time.perf_counter()
-    # What it says on standard error shows.
+    # Its standard error is visible.
     process = subprocess.Popen([str(word) for word in command], stdin=stdin, stdout=stdout)
     _, status, usage = os.wait4(process.pid, 0)
     wall = time.perf_counter() - began
@@ -52,7 +56,7 @@ def once(command, stdin=None, stdout=subprocess.DEVNULL):
 
 
 def runs(command, times=3, **more):
-    """Medians of several runs; of RUNS if that is in the environment."""
+    """Returns medians of several runs; $RUNS limits their number."""
     times = min(times, int(os.environ.get("RUNS", times)))
     return [statistics.median(column) for column in zip(*(once(command, **more) for _ in range(times)))]
 
@@ -71,7 +75,7 @@ def verdict(ratio, target, least=True):
 
 
 def cog(source, target, *options):
-    """A COG made by GDAL, if it is not there yet."""
+    """Makes a COG with GDAL, if it does not exist."""
     if not target.exists():
         once(["gdal_translate", "-q", "-of", "COG", *[word for option in options for word in ("-co", option)], source, target])
 
@@ -79,3 +83,32 @@ def cog(source, target, *options):
 def tree(source, target, *options):
     if not target.exists():
         once([SPINNEY, "-q", "build", source, "-o", target, *options])
+
+
+def record(rows):
+    """Merges rows into benches/results.json by (area, job, peer), and writes benches/RESULTS.md.
+
+    A row needs area, job, ours and unit. The ratio is ours / peer_figure, of rates (units ending
+    in /s) the inverse. COMMIT is the commit SPINNEY was built from; the default is HEAD.
+    """
+
+    def key(row):
+        return row["area"], row["job"], row.get("peer")
+
+    head = ["git", "rev-parse", "--short=8", "HEAD"]
+    common = {
+        "command": " ".join(["benches/peers/" + Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "machine": f"{os.cpu_count()} cores",
+        "date": str(datetime.date.today()),
+        "commit": os.environ.get("COMMIT") or subprocess.check_output(head, cwd=ROOT, text=True).strip(),
+    }
+    merged = {key(row): row for row in json.loads(RESULTS.read_text(encoding="utf-8"))}
+    for row in rows:
+        row = common | row
+        ours, theirs = row["ours"], row.get("peer_figure")
+        if "ratio" not in row and ours and theirs:
+            row["ratio"] = float(f"{theirs / ours if row['unit'].endswith('/s') else ours / theirs:.3g}")
+        merged[key(row)] = {field: row[field] for field in FIELDS if row.get(field) is not None}
+    lines = ",\n".join(json.dumps(row, ensure_ascii=False) for row in merged.values())
+    RESULTS.write_text(f"[\n{lines}\n]\n", encoding="utf-8")
+    subprocess.run([sys.executable, ROOT / "benches" / "render_results.py"], check=True)

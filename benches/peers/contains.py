@@ -1,9 +1,13 @@
 #!/usr/bin/env python3
-"""`Dataset.contains` of many points in a solid, against trimesh with Embree's rays; one thread of one process.
+"""`Dataset.contains` of many points in a solid, against trimesh with Embree's rays; one thread of
+one process.
 
-Run it with a Python that has both (`pip install ./python trimesh embreex`): python benches/peers/contains.py [MODEL.ply] [POINTS]
-Ours looks up cells of a tree of 1024 cells along the longest side, theirs casts rays at the model's triangles: answers differ for points
-within a cell of the surface.
+Run it with a Python that has both (`pip install ./python trimesh embreex`):
+
+    python benches/peers/contains.py [MODEL.ply] [POINTS]
+
+Ours looks up cells of a tree of 1024 cells along the longest side, theirs casts rays at the model's
+triangles: results differ for points within a cell of the surface.
 """
 
 import os

@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
 """Contour lines of the relief, every 100 m, from a tree, against gdal_contour from the TIFF.
 
-Both read the raster as they have it and write the same format. gdal_contour decides saddles in a way of its own, so that its lines are a
-few more or less. (Its bands, with -p, take so long that they are left out.)
+Both read the raster in their own format and write the same format. gdal_contour resolves saddles
+differently, so its number of lines differs slightly. (Its bands, with -p, take so long that they
+are left out.)
 """
 
 from common import RELIEF, SPINNEY, WORK, once, runs, start, table, tree
@@ -14,7 +15,7 @@ rows = []
 for ending in ["geojson", "gpkg"]:
     out, other = WORK / f"contours.{ending}", WORK / f"contours_gdal.{ending}"
     mine = runs([SPINNEY, "-q", "contours", goblin, "--every", "100", "-o", out])
-    # (It does not replace files.)
+    # It does not replace files.
     other.unlink(missing_ok=True)
     gdal = once(["gdal_contour", "-q", "-i", "100", "-a", "value", RELIEF, other])
     rows.append([ending, *(f"{number:.2f}" for pair in zip(mine[:2], gdal[:2]) for number in pair),

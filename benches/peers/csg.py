@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Solids of primitives: `spinney build x.csg` against manifold3d (PyPI) and an even-odd scan of its mesh in NumPy, at the same cells.
+"""Solids of primitives: `spinney build x.csg` against manifold3d (PyPI) and an even-odd scan of its
+mesh in NumPy, at the same cells.
 
     PYTHON=python benches/peers/csg.py [CELLS]
 
-Half of 1,000 primitives (balls, blocks, cylinders, tori at random places) less the other half, at 1024 cells along a side if nothing is said. PYTHON has manifold3d and numpy.
-Facets of the mesh are within a quarter of a cell of the surfaces; the scan makes no file, and counts cells.
+Half of 1,000 primitives (balls, blocks, cylinders, tori at random positions) minus the other half,
+at 1024 cells along a side by default. PYTHON has manifold3d and numpy. Facets of the mesh are
+within a quarter of a cell of the surfaces; the scan writes no file, and counts cells.
 """
 
 import json
@@ -79,7 +81,7 @@ print(full)
 
 
 def shapes(count):
-    """Primitives with places and sizes that are the same each time."""
+    """Returns primitives with reproducible positions and sizes."""
     chance = random.Random(1)
     for number in range(count):
         radius = chance.uniform(10, 50)

@@ -1,13 +1,14 @@
 #!/usr/bin/env python3
-"""Exact models: `spinney build --brep` against reading into manifold3d, octrees of cells, points against trimesh and libigl, volumes,
-repair against libigl's exact union.
+"""Exact models: `spinney build --brep` against reading into manifold3d, octrees of cells, points
+against trimesh and libigl, volumes, repair against libigl's exact union.
 
     exact.py             all, building from 200,000 triangles
     exact.py --large     building from 12.8 million, too
     exact.py points      that alone; also building, volumes, octrees, repair
 
-The peers are installed into a virtual environment in benches/peers/work; what cannot be had is skipped, and said. The program is
-target/release/spinney, or SPINNEY. Meshes are those of ../shared/data/mesh where they are there, and some that are made here. One thread.
+The peers are installed into a virtual environment in benches/peers/work; unavailable ones are
+skipped with a message. The program is target/release/spinney, or SPINNEY. Meshes are those of
+../shared/data/mesh, if it exists, and some generated ones. One thread.
 """
 
 import json
@@ -25,7 +26,8 @@ VENV = WORK / "exact"
 PYTHON = VENV / "bin" / "python"
 POINTS = 1_000_000
 
-# A bumpy torus of 2nm triangles. (NumPy stays in processes of its own, for the peak memory of others not to contain it.)
+# A bumpy torus of 2nm triangles. NumPy runs in separate processes, so that it does not count in the
+# peak memory of others.
 TORUS = """
 import sys
 import numpy as np
@@ -47,7 +49,7 @@ with open(path, 'wb') as out:
     out.write(rows.tobytes())
 """
 
-# Reads a PLY file of triangles as the one above, or as `spinney export` writes it.
+# Reads a PLY file of triangles like the one above, or as `spinney export` writes it.
 READ = """
 import sys
 import numpy as np
@@ -87,7 +89,8 @@ with open(sys.argv[4], 'w') as out:
 """
 )
 
-# Whether points are inside by one of the peers: its processor seconds, and how many answers differ from ours.
+# Containment of points by one of the peers: its processor seconds, and the number of results that
+# differ from ours.
 CONTAINS = (
     READ
     + """
@@ -137,7 +140,8 @@ print(repr(float(Fraction(total, 6 * scale ** 3))))
 )
 
 
-# What a mesh goes around once or more, by libigl's union with nothing, in exact arithmetic: CPU seconds without reading, faces and volume.
+# The region with a winding number of at least 1, by libigl's union with an empty mesh, in exact
+# arithmetic: CPU seconds without reading, faces and volume.
 UNION = """
 import sys, time
 import numpy as np
@@ -159,7 +163,7 @@ def python(script, *words):
 
 
 def install():
-    """Which peers there are."""
+    """Returns the available peers."""
     if not PYTHON.exists():
         subprocess.run([sys.executable, "-m", "venv", VENV], check=True)
     there = set()
@@ -202,7 +206,7 @@ def building(peers, large):
 
 
 def turned_cube():
-    """A cube that is turned about x by 0.7, then about z by 0.4."""
+    """A cube rotated about x by 0.7, then about z by 0.4."""
     path = WORK / "turned_cube.off"
     (c, s), (C, S) = ((math.cos(angle), math.sin(angle)) for angle in (0.7, 0.4))
     axes = [(C, S, 0.0), (-S * c, C * c, s), (S * s, -C * s, c)]
@@ -232,7 +236,7 @@ def octrees():
             levels = json.loads(spinney("info", cells, "--json"))["levels"]
             nodes.append(sum(level[state] for level in levels for state in ("void", "leaf", "inner")))
             cells.unlink()
-        # Cells of a surface are four times as many with each level.
+        # Surface cells quadruple with each level.
         told = nodes[2] * 4 ** (info["depth"] - 12)
         rows.append([*row, *nodes, f"{nodes[2] / nodes[1]:.2f}", f"{told:.1e}", f"{nodes[2] / row[1]:.0f}", f"{nodes[2] / row[2]:.0f}"])
     head = ["model", "exact, nodes", "with --leaf-size 0", "bits", "depth", "cells, depth 10", "11", "12", "12 / 11"]
@@ -244,12 +248,12 @@ def points(peers):
     for mesh in filter(lambda mesh: mesh.exists(), [MESH / "fandisk.ply", MESH / "armadillo.ply", MESH / "bunny_hr.ply"]):
         model, _ = exact(mesh)
         back, numbers, text, answers = (WORK / f"{mesh.stem}.{end}" for end in ("back.ply", "npy", "csv", "txt"))
-        # All see the faces on the grid.
+        # All sides get the faces on the grid.
         spinney("-q", "export", model, back)
         python(SCATTER, back, POINTS, numbers, text)
         with open(text) as questions, open(answers, "w") as out:
             ours, _, _ = once([SPINNEY, "point", model, "--threads", 1], stdin=questions, stdout=out)
-        # What reading and printing take, without a question: points that are outside of the space.
+        # The cost of reading and printing without queries: points outside of the space.
         far = WORK / "far.csv"
         with open(text) as questions, open(far, "w") as out:
             out.writelines("9" + line.lstrip("-") for line in questions)

@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""Features to quadtrees: a shoreline of a million corners on 43200 x 21600 cells against `gdal_rasterize` and a COG with overviews by mode; shares of cells
-of 1,000 polygons against exactextract.
+"""Features to quadtrees: a shoreline of a million vertices on 43200 x 21600 cells against
+`gdal_rasterize` and a COG with overviews by mode; cell shares of 1,000 polygons against
+exactextract.
 
     pip install numpy rasterio exactextract
     SPINNEY=target/release/spinney PYTHON=python benches/peers/features.py
@@ -31,7 +32,7 @@ print(sum(float(np.sum(zone["properties"]["coverage"])) for zone in found))
 """
 
 
-# A ring that winds at all scales, in degrees; two corners make the box as large as the world.
+# A ring with detail at all scales, in degrees; two vertices extend its box to the whole world.
 SHORELINE = """
 import json, math, sys
 def at(number):

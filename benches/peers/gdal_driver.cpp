@@ -1,8 +1,10 @@
-// Random windows through GDAL: windows a second of processor time, the median of passes. For gdal_driver.py.
+// Random windows through GDAL: windows per second of processor time, the median of passes. For
+// gdal_driver.py.
 //
 //     gdal_driver FILE aligned|anywhere SIDE OUT_SIDE warm|cold all|band
 //
-// Warm passes read the same windows again, so that decoded blocks wait in GDAL's cache; before cold ones that is emptied.
+// Warm passes read the same windows again, so that decoded blocks are in GDAL's cache. Cold passes
+// start with an empty cache.
 
 #include <algorithm>
 #include <cstdio>

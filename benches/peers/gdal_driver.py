@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Reading through GDAL: random windows of our files by the driver, and of COGs by GDAL's own; one core, processor time.
+"""Reading through GDAL: random windows of our files by the driver, and of COGs by GDAL's own; one
+core, processor time.
 
     benches/peers/gdal_driver.py [--prefix PREFIX] [--ranges N]
 
-PREFIX is that of capi/install.sh and capi/gdal/build.sh, with the library as users get it; without one it is made. Both read the same windows of the same picture, ours and theirs in
-turns; rates are medians of N runs, the ratio is that of each turn. COGs have blocks of 256 x 256, deflated.
+PREFIX is that of capi/install.sh and capi/gdal/build.sh, with the library as users get it; by
+default one is made. Both read the same windows of the same raster, alternating; rates are medians
+of N runs, the ratio is the median of each pair's. COGs have deflated blocks of 256 x 256.
 """
 
 import argparse
@@ -32,7 +34,7 @@ def run(*command, **options):
 
 
 def files(name, picture, *options):
-    """The picture as ours and as theirs."""
+    """Returns a raster as our file and as theirs."""
     ours, theirs = WORK / f"driver_{name}.goblin", WORK / f"driver_{name}.tif"
     if options:
         source = WORK / f"driver_{name}_source.tif"

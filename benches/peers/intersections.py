@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""The line in which two scans meet: `spinney section A B` against CGAL and libigl.
+"""Intersection curves of two scans: `spinney section A B` against CGAL and libigl.
 
     intersections.py
 
-CGAL (libcgal-dev, compiled here with g++ -O2) gives polylines: surface_intersection of Surface_mesh, with the kernel of inexact constructions and
-with the exact one. libigl cuts both meshes along the line (intersect_other), and hands out triangles; it has nothing nearer, and trimesh has
-nothing like it. Both work on meshes in memory, and reading these is not counted for them; ours reads the files of exact models, and writes PLY.
-All sides get the same triangles, with corners on a grid. The program is target/release/spinney, or SPINNEY. One thread.
+CGAL (libcgal-dev, compiled here with g++ -O2) returns polylines: surface_intersection of
+Surface_mesh, with the kernel of inexact constructions and with the exact one. libigl splits both
+meshes along the curve (intersect_other), and returns triangles; it has nothing closer, and trimesh
+has no equivalent. Both work on meshes in memory, and reading them is not counted; ours reads the
+files of exact models, and writes PLY. All sides get the same triangles, with vertices on a grid.
+The program is target/release/spinney, or SPINNEY. One thread.
 """
 
 import json
@@ -72,7 +74,7 @@ print(json.dumps({"seconds": time.process_time() - began, "pairs": len(found[0])
 
 
 def cgal():
-    """The program, if it can be had."""
+    """Returns the CGAL program, if it can be built."""
     program, source = WORK / "cgal_intersection", WORK / "cgal_intersection.cpp"
     if not program.exists():
         subprocess.run(["apt-get", "install", "-y", "-q", "libcgal-dev", "g++"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -85,7 +87,7 @@ def cgal():
 
 
 def told(command):
-    """What a peer says of itself, and the peak of its memory."""
+    """Returns a peer's output, and its peak memory."""
     result = WORK / "intersection.json"
     with open(result, "w") as file:
         _, _, peak = once(command, stdout=file)
@@ -93,7 +95,7 @@ def told(command):
 
 
 def best(command):
-    """The median of three runs."""
+    """Returns the median of three runs."""
     found = sorted((told(command) for _ in range(int(os.environ.get("RUNS", 3)))), key=lambda run: run["seconds"])
     return found[len(found) // 2]
 

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""Zones whose rings cross, overlap and touch, against shapely: 10,000 random multipolygons over five contents, each in four storages.
+"""Zones whose rings cross, overlap and touch, against shapely: 10,000 random multipolygons over
+five contents, each in four storages.
 
-Rings of a part are combined even-odd, parts are united. Cells, VOID cells and cells outside must equal shapely's areas to 1e-9 of the zone's, sums and means
-`math.fsum` of shapely's shares to 1e-9, and all numbers of one content must be the same in every storage, digit by digit.
+Rings of a part are combined even-odd, parts are united. Cells, VOID cells and cells outside must
+equal shapely's areas to 1e-9 of the zone's, sums and means `math.fsum` of shapely's shares to 1e-9,
+and all numbers of one content must be bit-identical in every storage.
 
     pip install numpy shapely
     SPINNEY=target/release/spinney benches/peers/invalid_zones.py [ZONES]
@@ -35,7 +37,8 @@ CONTENTS: dict[str, Callable[[int, int], int]] = {
 
 
 def ring(rng: random.Random) -> list[list[float]]:
-    """A ring whose vertices are often on a grid of half cells, so that all kinds of contacts are frequent."""
+    """Returns a ring whose vertices are often on a grid of half cells, so that all kinds of
+    contacts are frequent."""
     size, left, low = 3 + rng.randrange(20), rng.randrange(-6, 20), rng.randrange(-6, 16)
     on_grid = rng.random() < 0.5
 
@@ -55,13 +58,14 @@ def zone(rng: random.Random) -> list[list[list[list[float]]]]:
 
 
 def is_inside(rings: list[list[list[float]]], point: Any) -> bool:
-    """Whether an odd number of edges is right of a point."""
+    """Whether an odd number of edges is to the right of a point."""
     edges = ((a, b) for points in rings for a, b in zip(points, points[1:]) if (a[1] > point.y) != (b[1] > point.y))
     return sum(point.x < a[0] + (point.y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]) for a, b in edges) % 2 == 1
 
 
 def region(parts: list[list[list[list[float]]]]) -> Any:
-    """What shapely makes of it. (`make_valid` is not even-odd where a ring passes twice along an edge: faces between all edges are chosen instead.)"""
+    """Returns the same region by shapely. `make_valid` is not even-odd if a ring has an edge twice,
+    so faces between all edges are selected instead."""
     chosen = []
     for rings in parts:
         lines = shapely.node(shapely.MultiLineString(rings))

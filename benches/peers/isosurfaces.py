@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Isosurfaces: `spinney contours` of octrees against scikit-image's marching cubes on the same volumes in memory.
+"""Isosurfaces: `spinney contours` of octrees against scikit-image's marching cubes on the same
+volumes in memory.
 
     isosurfaces.py [SIDE]
 
-Ours is the whole program, from the tree to a PLY file; theirs is told alone, and with reading the NPY file and writing PLY. Volumes of f32 are
-a ball and a gyroid, whose surface is everywhere. The program is target/release/spinney, or SPINNEY. Vertices and area are compared with theirs.
+Ours is the whole program, from the tree to a PLY file; theirs is reported alone, and with reading
+NPY and writing PLY. Volumes of f32 are a ball and a gyroid, whose surface fills the space. The
+program is target/release/spinney, or SPINNEY. Vertices and area are compared with theirs.
 """
 
 import json
@@ -32,7 +34,7 @@ with open(out, 'wb') as file:
         file.write(plane.astype('<f4').tobytes())
 """
 
-# In the order and the coordinates of the tree: x, y, z, and cells' centres at halves.
+# In the tree's order and coordinates: x, y, z, with cell centres at halves.
 PEER = """
 import json, sys, time
 import numpy as np
@@ -97,7 +99,7 @@ def main():
         ours, theirs, result = WORK / f"{kind}.ply", WORK / f"{kind}_peer.ply", WORK / "isosurface.json"
         subprocess.run([PYTHON, "-c", MAKE, kind, str(side), raw], check=True)
         subprocess.run([SPINNEY, "-q", "build", raw, "-o", tree], check=True)
-        # (Mapped files count as memory.)
+        # Mapped files count as memory.
         cpu, wall, peak = runs([SPINNEY, "-q", "contours", tree, "--at", "0", "-o", ours, "--positioned"])
         with open(result, "w") as file:
             whole, slow, more = once([PYTHON, "-c", PEER, raw, theirs], stdout=file)

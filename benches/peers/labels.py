@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Labels of a segmentation of 1024 x 1024 x 1024 cells: `spinney transform components=6`, file to file, against cc3d, which has all cells in memory.
+"""Labels of a segmentation of 1024 x 1024 x 1024 cells: `spinney transform components=6`, file to
+file, against cc3d, which has all cells in memory.
 
     pip install numpy connected-components-3d
     SPINNEY=target/release/spinney PYTHON=python benches/peers/labels.py [side]
 
-The segmentation is made here, the same every time: thousands of bodies with curved faces, every eighth of them background.
+The segmentation is generated reproducibly: thousands of bodies with curved faces, every eighth of
+them background.
 """
 
 import os
@@ -15,7 +17,8 @@ from common import SPINNEY, WORK, once, runs, start, table, tree, verdict
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 
-# Bodies: the cells nearest to one of the points that a grid has one of in each of its cubes, from a place that waves move. Blocks are made one by one.
+# Bodies: Voronoi cells of a jittered grid of points, with coordinates distorted by waves. Blocks
+# are made one by one.
 BODIES = """
 import sys
 import numpy
@@ -56,7 +59,7 @@ if len(sys.argv) > 2:
     numpy.save(sys.argv[2], numpy.ascontiguousarray(found))
 """
 
-# Labels are numbers in any order: those of the one have to be those of the other by other names.
+# Labels are compared up to renumbering.
 COMPARE = """
 import sys
 import numpy
@@ -79,7 +82,7 @@ def main():
     tree(cells, made, "--kind", "categorical", "--nodata", "0")
     work = [SPINNEY, "-q", "transform", made, "components=6", "-o", labels]
     peer = [PYTHON, "-c", THEIRS, cells]
-    # (Mapped, pages of the file count as memory, too, which others may have at any time.)
+    # With mapped files, page cache counts as memory, too, which the system can reclaim at any time.
     rows = [("ours", runs(work)), ("ours, `--positioned`", runs([*work, "--positioned"]))]
     said = WORK / "labels.txt"
     with open(said, "w") as file:

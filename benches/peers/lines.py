@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Points joined to the lines nearest to them, and windows: trees of lines against shapely's STRtree.
+"""Nearest lines of points, and windows: trees of lines against shapely's STRtree.
 
-    SPINNEY=target/release/spinney python benches/peers/lines.py [POINTS] [ROADS]        (a million and 100,000 if nothing is said)
+    SPINNEY=target/release/spinney python benches/peers/lines.py [POINTS] [ROADS]
 
-Needs a Python with the peer: pip install numpy shapely pyogrio. Roads are random walks of 20 vertices, points lie among them; both with steps of 1 cm, the same
-every time. Medians of three runs of whole processes, their processor seconds and the seconds that pass, beside each other; the answers are compared. The peer reads the
-roads and builds its tree each time, as it has no file of one; what its questions alone take is told by itself.
+The default is a million points and 100,000 roads.
+Needs a Python with the peer: pip install numpy shapely pyogrio. Roads are random walks of 20
+vertices, with points among them; both have a resolution of 1 cm, and are reproducible. Reports
+medians of three runs of whole processes, processor seconds next to wall seconds; the results are
+compared. The peer reads the roads and builds its tree each time, as it has no file format for it;
+its queries alone are reported separately.
 """
 
 import json
@@ -48,7 +51,7 @@ def make(roads, points, windows, counts):
 
 
 def peer(roads, points, windows, out):
-    """The same with shapely, in a process of its own; prints seconds of its parts."""
+    """Runs the same with shapely, in a separate process; prints the seconds of its phases."""
     import numpy as np
     import pyogrio
     import shapely
@@ -90,7 +93,8 @@ def peer(roads, points, windows, out):
 
 
 def compare(ours, theirs):
-    """How many of the points have another line, and by how much distances differ at most; run in a process of its own."""
+    """Prints how many points have another line, and the maximum difference of distances; runs in a
+    separate process."""
     import csv
 
     others, most = 0, 0.0
@@ -106,7 +110,8 @@ def job(*words):
 
 
 def three(command, stdin=None):
-    """Medians of processor seconds, seconds and MiB of three runs, and what the last printed."""
+    """Returns medians of processor seconds, wall seconds and MiB of three runs, and the last
+    output."""
     measured = []
     for _ in range(int(os.environ.get("RUNS", 3))):
         with open(WORK / "said", "wb") as said, open(stdin or os.devnull, "rb") as given:

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Majority at every level: ours and GDAL's MODE overviews against counts of all cells, by brute force."""
+"""Majority at every level: ours and GDAL's MODE overviews against brute-force counts of all cells.
+"""
 
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from common import CLASSES, SHORELINE, SPINNEY, WORK, cog, start, table, tree
 
 
 def pair(counts):
-    """Counts of blocks twice as large; the last axes are rows and columns."""
+    """Returns counts of blocks twice as large; the last axes are rows and columns."""
     pads = [(0, 0)] + [(0, size % 2) for size in counts.shape[1:]]
     if any(end for _, end in pads):
         counts = numpy.pad(counts, pads)
@@ -17,7 +18,8 @@ def pair(counts):
 
 
 def judge(counts, level):
-    """Ours wrong, pixels, mixed pixels and GDAL's wrong among them, in a band of a level."""
+    """Returns our errors, pixels, mixed pixels and GDAL's errors among them, in a band of a level.
+    """
     most = counts.max(axis=0)
     # Any of the most frequent classes is right, for both.
     own = numpy.take_along_axis(counts, level["ours"][None].astype(numpy.intp), axis=0)[0]
@@ -50,7 +52,7 @@ def check(name, source):
                     gdal = overview.read(1)
             levels[shift] = {"ours": numpy.load(array).squeeze(), "gdal": gdal, "sum": numpy.zeros(4, int)}
             levels[shift]["ours"] = numpy.atleast_2d(levels[shift]["ours"])
-        # Bands of blocks of 256 cells; above them from their counts.
+        # Bands of blocks of 256 cells; larger blocks are computed from their counts.
         waiting = []
         for top in range(0, height, 256):
             rows = min(256, height - top)

@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
-"""Operations: `spinney combine` and `spinney transform`, file to file, against rasterio + NumPy, GDAL and cp.
+"""Operations: `spinney combine` and `spinney transform`, file to file, against rasterio + NumPy,
+GDAL and cp.
 
-Where processor time (user and system) counts, both sides are given one core. Where cp is the peer, wall time counts
-and neither is pinned. Files are in the system's cache. GDAL runs with its default block cache, for speed
-and as most use it, and with one of 64 MB, which costs less memory and often less system time.
-Results are compared: every cell, and the cells of each class as `spinney stats` counts them.
+Where processor time (user and system) counts, both sides get one core. Where cp is the peer, wall
+time counts and neither is pinned. Files are in the system's cache. GDAL runs with its default block
+cache, for speed and as most users run it, and with one of 64 MB, which takes less memory and often
+less system time. Results are compared: every cell, and the cells of each class as counted by
+`spinney stats`.
 """
 
 import json
@@ -18,7 +20,7 @@ from common import SHORELINE, SPINNEY, WORK, once, runs, start, table, tree, ver
 
 WIDTH, HEIGHT = 43200, 21600
 
-# All NumPy is in processes of its own: see `once`.
+# All NumPy code runs in separate processes: see `once`.
 COMMON = r"""
 import json, subprocess, sys
 import numpy, rasterio
@@ -33,7 +35,7 @@ def strips(width, height, step=512):
     return [Window(0, top, width, min(step, height - top)) for top in range(0, height, step)]
 """
 
-# B: A moved right and down by so many cells; what enters is 0.
+# B: A moved right and down by so many cells, filled with 0.
 SHIFT = COMMON + r"""
 target, source, right, down = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 with rasterio.open(source) as file:
@@ -44,7 +46,7 @@ with rasterio.open(source) as file:
         out.write(moved, 1)
 """
 
-# Nothing to join: the same share of each of 12 classes everywhere, as in scaling.py.
+# No merging is possible: the same share of each of 12 classes everywhere, as in scaling.py.
 SPECKLE = COMMON + r"""
 target, side = sys.argv[1], int(sys.argv[2])
 random = numpy.random.default_rng(1)
@@ -73,7 +75,8 @@ with create(sys.argv[2], width=cells.shape[1], height=cells.shape[0], nodata=0) 
     out.write(cells, 1)
 """
 
-# Compares our file with the peer's: how many cells differ, of how many; are its classes' counts our statistics'?
+# Compares our file with the peer's: the number of differing cells, the total, and whether its class
+# counts equal our statistics.
 COMPARE = COMMON + r"""
 spinney, ours, theirs = sys.argv[1:4]
 ask = lambda *words: subprocess.run([spinney, "-q", *words], check=True, stdout=subprocess.PIPE).stdout
@@ -102,7 +105,7 @@ def script(text, *words):
 
 
 def made(target, text, *words):
-    """A picture that NumPy makes once: under its name only when complete."""
+    """Makes a raster once with NumPy; it gets its name only when complete."""
     if not target.exists():
         part = target.with_name("ops_part.tif")
         subprocess.run(script(text, part, *words), check=True)
@@ -127,7 +130,7 @@ def info(goblin):
 
 
 def against(name, command, out, peer, theirs, picture, most, memory=None):
-    """Rows of the first table: ours against the peer with both caches; pinned."""
+    """Adds rows to the first table: ours against the peer with both caches; pinned."""
     cpu, _, peak = runs(pinned(command))
     rows = []
     for cache in (None, 64):
@@ -143,7 +146,8 @@ def against(name, command, out, peer, theirs, picture, most, memory=None):
 
 
 def copying(name, command, out, most=None):
-    """A row of the second table: ours against cp of the result; each writes a new file, to a disk that is idle."""
+    """Adds a row to the second table: ours against cp of the result; each writes a new file, to an
+    idle disk."""
     copy = WORK / "ops_copy"
     measured = []
     for words, target in ((command, out), (["cp", out, copy], copy)):
@@ -162,9 +166,10 @@ def copying(name, command, out, most=None):
 
 
 def turned(degrees):
-    """A picture turned clockwise about its middle: a VRT that has the result's cells as its world, and its size.
+    """Returns a raster rotated clockwise about its centre: a VRT with the result's cells as its
+    world coordinates, and its size.
 
-    The result's first cell is the corner of the box around the turned picture, rounded outwards.
+    The result's first cell is the corner of the rotated raster's bounding box, rounded outwards.
     """
     cos, sin = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
     x, y = WIDTH / 2, HEIGHT / 2
@@ -172,7 +177,7 @@ def turned(degrees):
     left, top = math.floor(x - across), math.floor(y - down)
     width, height = math.ceil(x + across) - left, math.ceil(y + down) - top
     first = (x - cos * x + sin * y - left, y - sin * x - cos * y - top)
-    # GDAL's northing goes up: minus our rows.
+    # GDAL's northing is upwards: minus our rows.
     place = (first[0], cos, -sin, -first[1], -sin, -cos)
     vrt = WORK / "ops_turned.vrt"
     vrt.write_text(f"""<VRTDataset rasterXSize="{WIDTH}" rasterYSize="{HEIGHT}">
@@ -205,19 +210,19 @@ def main():
     rows += against("rotate=90", ours("transform", a, "rotate=90", "-o", out), out, "rasterio + NumPy",
                     script(QUARTER, SHORELINE, picture), picture, 1 / 10)
     vrt, width, height = turned(30)
-    # Plain tiles: a little cheaper than a COG.
+    # Plain tiles are slightly cheaper than a COG.
     rows += against("rotate=30 --resampling nearest", ours("transform", a, "rotate=30", "--resampling", "nearest", "-o", out), out, "gdalwarp",
                     ["gdalwarp", "-q", "-overwrite", "-r", "near", "-te", 0, -height, width, 0, "-ts", width, height,
                      "-dstnodata", 0, "-co", "TILED=YES", "-co", "COMPRESS=ZSTD", vrt, picture], picture, 1 / 3)
     table(["operation", "peer", "peer CPU s", "peer MiB", "ours CPU s", "ours MiB", "CPU ours / peer",
            "cells that differ", "cells of each class"], rows)
 
-    # Some 90 million records that nothing can be left out of.
+    # Some 90 million records that cannot be omitted.
     big, moved, left, right = (WORK / f"ops_{name}.goblin" for name in ("big", "nested", "left", "right"))
     if not big.exists():
         tree(made(WORK / "ops_big.tif", SPECKLE, 1 << 14), big, *classes)
         (WORK / "ops_big.tif").unlink()
-    once(["cat", big])  # Into the system's cache.
+    once(["cat", big])  # Load into the system's cache.
     rows = [copying("aligned window", ours("transform", big, "window=8192,0,8192,8192", "-o", out), out, 1.5),
             copying("nest=/0", ours("transform", big, "nest=/0", "-o", moved), moved, 1.5)]
     moved.unlink()
@@ -231,7 +236,7 @@ def main():
     for path in (left, right):
         path.unlink()
 
-    # The records of the trees, without copies of them that a file may have besides.
+    # The records of the trees, without additional copies in a file.
     records = sum(info(path)["records"] for path in (a, b))
     cpu = runs(pinned(ours("--threads", "1", "combine", "union", a, b, "-o", out)))[0]
     print(f"Union of the shorelines: {verdict(records / cpu / 1e6, 20)} million records read per CPU second, "

@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""All parts of two layers of 100,000 polygons each (`combine partition`) against GEOS by shapely 2 and GeoPandas (`overlay`, how="union").
+"""All parts of two layers of 100,000 polygons each (`combine partition`) against GEOS by shapely 2
+and GeoPandas (`overlay`, how="union").
 
     pip install geopandas pyogrio shapely numpy
     SPINNEY=target/release/spinney PYTHON=python benches/peers/overlay.py
@@ -15,7 +16,7 @@ from common import SPINNEY, WORK, runs, table, verdict
 PYTHON = os.environ.get("PYTHON", sys.executable)
 SIDE = 316
 
-# Cells of a grid whose borders wind: neighbours share every corner.
+# Grid cells with irregular borders: neighbours share every vertex.
 LAYER = """
 import json, math, random, sys
 import numpy as np
@@ -41,7 +42,7 @@ with open(path, "w") as out:
             out.write(json.dumps(feature) + "\\n")
 """
 
-# (Conversion: what GeoPandas reads fastest.)
+# Conversion to what GeoPandas reads fastest.
 TO_GPKG = """
 import sys, geopandas
 geopandas.read_file(sys.argv[1]).set_crs(25832, allow_override=True).to_file(sys.argv[2], layer="a")

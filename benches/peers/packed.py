@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Bytes of packed trees with all levels against cloud-optimized GeoTIFFs with overviews, and the CPU of making both; solids and labels against others.
+"""Bytes of packed trees with all levels against cloud-optimized GeoTIFFs with overviews, and the
+CPU time of making both; solids and labels against others.
 
     benches/peers/install.sh; pip install crackle-codec compresso numpy
     SPINNEY=target/release/spinney PYTHON=python benches/peers/packed.py [sizes] [octrees]
@@ -9,7 +10,7 @@ import os
 import subprocess
 import sys
 
-from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once, runs, start, table
+from common import CLASSES, DATA, EARTH, RELIEF, SHORELINE, SPINNEY, WORK, once, record, runs, start, table
 
 PYTHON = os.environ.get("PYTHON", sys.executable)
 RASTER = DATA.parent
@@ -28,7 +29,7 @@ RASTERS = [
 
 
 def cog_of(name, source, options):
-    """A COG and the CPU seconds of making it."""
+    """Returns a COG and the CPU seconds of making it."""
     target = WORK / f"{name.replace(' ', '_')}_packed_peer.tif"
     words = [word for option in options for word in ("-co", option)]
     seconds = runs(["gdal_translate", "-q", "-of", "COG", *words, source, target])[0]
@@ -36,7 +37,7 @@ def cog_of(name, source, options):
 
 
 def built(name, source, *options):
-    """Bytes of a tree, and CPU seconds of building it."""
+    """Returns a tree's bytes, and the CPU seconds of building it."""
     target = WORK / f"{name.replace(' ', '_')}_{'_'.join(options).replace('-', '')}.goblin"
     seconds = runs([SPINNEY, "-q", "build", source, "-o", target, *options])[0]
     return target, seconds
@@ -46,8 +47,16 @@ def verdict(ratio, target):
     return "" if target is None else f" ({'met' if ratio <= target else 'MISSED'}: {target})"
 
 
+def row(job, peer, theirs, ours, unit, area="packed files"):
+    return {"area": area, "job": job, "peer": peer, "peer_figure": theirs, "ours": ours, "unit": unit}
+
+
+def seconds_row(name, form, theirs, ours, area):
+    return row(f"build {name}, {form}", "GDAL COG, ZSTD", round(theirs, 2), round(ours, 2), "CPU s", area)
+
+
 def sizes():
-    rows, times = [], []
+    rows, times, results = [], [], []
     for name, source, cog, options, target in RASTERS:
         if not source.exists():
             continue
@@ -61,17 +70,24 @@ def sizes():
         clock.append(f"{seconds:.2f}: {seconds / plain_seconds:.2f} of plain, {seconds / their_seconds:.2f} of COG's")
         rows.append(cells)
         times.append(clock)
+        results += [row(f"bytes of {name}, plain", "GDAL COG, ZSTD", theirs, plain.stat().st_size, "bytes")]
+        results += [row(f"bytes of {name}, packed", "GDAL COG, ZSTD", theirs, tree.stat().st_size, "bytes")]
+        results += [seconds_row(name, "plain", their_seconds, plain_seconds, "building rasters")]
+        results += [seconds_row(name, "packed", their_seconds, seconds, "packed files")]
     table(["picture", "COG", "plain", "packed"], rows)
     table(["CPU s", "COG", "plain", "packed"], times)
     webp, _ = cog_of("earth webp", EARTH, ["COMPRESS=WEBP", "QUALITY=100", "WEBP_LOSSLESS=YES"])
     tree = WORK / "earth_codec_packed.goblin"
     ratio = tree.stat().st_size / webp
     print(f"earth: {ratio:.3f} of WebP lossless with overviews ({webp}){verdict(ratio, 1.2)}")
-    # The picture alone, without overviews.
+    results += [row("bytes of earth, packed", "WebP lossless, with overviews", webp, tree.stat().st_size, "bytes")]
+    # The raster alone, without overviews.
     alone = WORK / "earth_alone.tif"
     once(["gdal_translate", "-q", "-of", "GTiff", "-co", "TILED=YES", "-co", "COMPRESS=WEBP", "-co", "WEBP_LOSSLESS=YES", EARTH, alone])
     ratio = tree.stat().st_size / alone.stat().st_size
     print(f"earth: {ratio:.3f} of WebP lossless without overviews ({alone.stat().st_size}){verdict(ratio, 1.2)}")
+    results += [row("bytes of earth, packed", "WebP lossless, without overviews", alone.stat().st_size, tree.stat().st_size, "bytes")]
+    record(results)
 
 
 LABELS = """
@@ -85,12 +101,13 @@ print(len(crackle.compress(cells)), len(compresso.compress(cells)))
 def octrees():
     from labels import BODIES
 
-    rows = []
+    rows, results = [], []
     mesh = RASTER.parent / "mesh" / "armadillo.ply"
     if mesh.exists():
         tree, seconds = built("armadillo", mesh, "--depth", "10", "--codec", "packed")
         size = tree.stat().st_size
         rows.append(["armadillo at 1024", size, "0.35 MB", "met" if size <= 350_000 else "MISSED", f"{seconds:.2f}"])
+        results += [row("bytes of armadillo at 1024 cells, packed", None, None, size, "bytes")]
     cells = WORK / "bodies_512.npy"
     if not cells.exists():
         once([PYTHON, "-c", BODIES, cells, "512"])
@@ -99,6 +116,9 @@ def octrees():
     ratio = tree.stat().st_size / crackle
     rows.append(["labels 512^3", tree.stat().st_size, f"crackle {crackle}, compresso {compresso}", f"{ratio:.3f}{verdict(ratio, 1.2)}", f"{seconds:.2f}"])
     table(["what", "bytes", "rival", "ratio", "CPU s"], rows)
+    for peer, theirs in [("crackle", crackle), ("compresso", compresso)]:
+        results += [row("bytes of labels, 512^3, packed", peer, theirs, tree.stat().st_size, "bytes")]
+    record(results)
 
 
 def main():

@@ -1,11 +1,15 @@
-// Pages in headless Chromium, from a static host with 50 ms of latency and 10 MB/s, beside OpenLayers with geotiff.js:
+// Pages in headless Chromium, from a static host with 50 ms of latency and 10 MB/s, compared with
+// OpenLayers with geotiff.js:
 //
-//     npm install playwright-core ol geotiff esbuild       (in a FOLDER; Chromium is /usr/bin/chromium, or CHROMIUM)
-//     [ZONES=FILE.geojson] node benches/peers/pages.mjs TREE.goblin COG.tif FOLDER [STYLE]
+//     npm install playwright-core ol geotiff esbuild       (in a DIRECTORY)
+//     [ZONES=FILE.geojson] node benches/peers/pages.mjs TREE.goblin COG.tif DIRECTORY [STYLE]
 //
-// The first map: requests, bytes and seconds until everything is drawn that one sees at first; and, of the tree, the class areas of a polygon of 400
-// corners, or of each zone of a file (countries, that remote.py leaves), cold: seconds from an empty page on, rounds, requests and bytes of the file, and
-// how far cells are from what the program tells.
+// Chromium is /usr/bin/chromium, or CHROMIUM.
+//
+// The first map: requests, bytes and seconds until the initial view is drawn. For the tree, also
+// the class areas of a polygon with 400 vertices, or of each zone of a file (countries, written by
+// remote.py), with empty caches: seconds from an empty page on, batches, requests and bytes of the
+// file, and the deviation of cell counts from the program's.
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
@@ -71,7 +75,7 @@ const own = tell("first map, the page", await visit("own", "index.html", (page) 
 const peer = tell("first map, OpenLayers and geotiff.js", await visit("peer", "index.html", (page) => page.waitForSelector("html[data-drawn]", { timeout: 60_000 }).then(() => ({}))), ".tif");
 console.log(`of the file ${(own.of / peer.of).toFixed(2)} of the bytes, ${(own.requests / peer.requests).toFixed(2)} of the requests; with the code ${(own.all / peer.all).toFixed(2)} of the bytes`);
 
-// A star around the middle of Europe.
+// A star around the centre of Europe.
 const ring = Array.from({ length: 400 }, (_, at) => {
   const [angle, radius] = [(2 * Math.PI * at) / 400, at % 2 ? 5 : 6];
   return [10 + radius * Math.cos(angle), 50 + radius * Math.sin(angle)];

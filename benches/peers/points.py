@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
-"""Trees of points against COPC (copclib's writer, laspy's reader) and SciPy's cKDTree: a synthetic scan over the relief.
+"""Trees of points against COPC (copclib's writer, laspy's reader) and SciPy's cKDTree: a synthetic
+scan over the relief.
 
-    python benches/peers/points.py [POINTS]        (20 million if nothing is said; 100 million for RESULTS.md)
+    python benches/peers/points.py [POINTS]        (default: 20 million; 100 million for RESULTS.md)
 
-Needs a Python with the package and the peers: pip install ./python numpy "laspy[lazrs]" scipy copclib pillow. All of it on one thread; processor seconds.
+Needs a Python with the package and the peers: pip install ./python numpy "laspy[lazrs]" scipy
+copclib pillow. Everything runs on one thread; processor seconds.
 
-The scan: flight lines with a zigzag scanner, 4 points a square metre over land of the relief, several returns where trees stand, in
-LAS of point format 6 with steps of 1 cm. copclib only packs and writes: the nodes are made in NumPy, which counts, as its users have to do so.
+The scan: flight lines with a zigzag scanner, 4 points per square metre over land of the relief,
+several returns at trees, in LAS of point format 6 with a resolution of 1 cm. copclib only packs and
+writes: the nodes are made in NumPy, which counts, as its users have to do so.
 """
 
 import json
@@ -84,7 +87,7 @@ def scan(path, count):
 
 
 def copc(source, target):
-    """A COPC file of a scan: run as a process of its own, whose processor time counts."""
+    """Makes a COPC file of a scan: runs as a separate process, whose processor time counts."""
     import copclib
     import laspy
 
@@ -95,7 +98,7 @@ def copc(source, target):
     depth = int(span - 1).bit_length()
     cells = places - corner
     level = np.full(len(rows), -1)
-    # A point for each of 128 parts of a side, from the root down: the first that comes.
+    # The first point for each of 128 subdivisions of a side, from the root down.
     for at in range(0, 8):
         left = np.flatnonzero(level < 0)
         shift = max(depth - at - 7, 0)
@@ -130,7 +133,7 @@ def copc(source, target):
 
 
 def own(words):
-    """Processor seconds of a job of this file, in a process of its own."""
+    """Returns processor seconds of a job of this file, in a separate process."""
     return once([sys.executable, __file__, "--job", json.dumps(words)])
 
 
@@ -154,7 +157,8 @@ def measured(call):
 
 
 def nearest(tree, count):
-    """Seconds of a million nearest neighbours: ours, SciPy's tree, its questions; and how far the answers are apart."""
+    """Returns seconds of a million nearest neighbours: ours, building SciPy's tree, its queries;
+    and the maximum difference of results."""
     import spinney
     from scipy.spatial import cKDTree
 
@@ -169,7 +173,7 @@ def nearest(tree, count):
 
 
 def boxes(tree, peer, count):
-    """Seconds of many boxes: ours, laspy's over COPC; and the points of both."""
+    """Returns seconds of many boxes: ours, laspy's over COPC; and the points of both."""
     import laspy
     import spinney
 
@@ -187,7 +191,7 @@ def boxes(tree, peer, count):
 
 
 def asked(*words):
-    """What a job of this file answers, in a process of its own."""
+    """Returns the output of a job of this file, in a separate process."""
     output = subprocess.run([sys.executable, __file__, "--job", json.dumps(words)], check=True, capture_output=True, text=True).stdout
     return json.loads(output.splitlines()[-1])
 

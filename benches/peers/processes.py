@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Four Python processes on one file against one: windows a second, and proportional memory (PSS).
+"""Four Python processes on one file against one: windows per second, and proportional memory (PSS).
 
 Run it with a Python that has the package: python benches/peers/processes.py
 """
@@ -15,7 +15,7 @@ SECONDS = 4.0
 
 
 def pss():
-    """Proportional bytes of this process: pages that others have, too, count in part."""
+    """Returns proportional bytes of this process: shared pages count fractionally."""
     with open("/proc/self/smaps_rollup") as file:
         return next(int(line.split()[1]) * 1024 for line in file if line.startswith("Pss:"))
 

@@ -1,12 +1,18 @@
 """Projections against PROJ, by pyproj.
 
-    benches/peers/projections.py            # 10^5 points in 27 systems, the largest distance in each
-    benches/peers/projections.py --verify   # every system of EPSG, five points each; prints the ranges of crates/crs/src/projection/verified.rs
-    benches/peers/projections.py --datums   # every geographic system, sixty points each; prints the names of .../datum_names.rs
-    benches/peers/projections.py --definitions [--every N]   # systems of EPSG and Esri without their numbers, in all forms
+    benches/peers/projections.py
+        # 10^5 points in 27 systems, the largest distance in each
+    benches/peers/projections.py --verify
+        # every system of EPSG, five points each; prints the ranges of
+        # crates/crs/src/projection/verified.rs
+    benches/peers/projections.py --datums
+        # every geographic system, sixty points each; prints the names of .../datum_names.rs
+    benches/peers/projections.py --definitions [--every N]
+        # systems of EPSG and Esri without their numbers, in all forms
 
-The last one takes definitions, strips all identifiers from them, and compares with what PROJ makes of the same text: each must be within a
-millimetre, or refused; it fails if one is wrong. Needs pyproj (`pip install pyproj`). Distances are in metres on the ground; PROJ has no grids of shifts here.
+The last one strips all identifiers from definitions, and compares with PROJ's results for the same
+text: each must be within a millimetre, or rejected; it fails if one is wrong. Needs pyproj (`pip
+install pyproj`). Distances are in metres on the ground; PROJ has no shift grids here.
 """
 
 import argparse
@@ -35,7 +41,7 @@ SHIFT = "+towgs84=100.5,-50.25,30.125,0.1,-0.2,0.3,4"
 
 
 def points_of(crs, count, random_):
-    """Places in a system's area."""
+    """Returns positions in a system's area."""
     area = crs.area_of_use
     east = area.east + (360 if area.east < area.west else 0)
     for _ in range(count):
@@ -44,7 +50,7 @@ def points_of(crs, count, random_):
 
 
 def ours(lines, *options):
-    """What the example makes of places."""
+    """Returns the example's results for positions."""
     command = [*PROGRAM, *options]
     begin = time.perf_counter()
     done = subprocess.run(command, input="\n".join(lines) + "\n", capture_output=True, text=True, check=True, cwd=PROJECT)
@@ -52,7 +58,8 @@ def ours(lines, *options):
 
 
 def distance(crs, place, expected, answer):
-    """Metres between PROJ's point and ours, and between a place and what our point is."""
+    """Returns the metres between PROJ's point and ours, and between a position and the inverse of
+    our point."""
     try:
         x, y, longitude, latitude = map(float, answer.split())
     except ValueError:
@@ -65,7 +72,7 @@ def distance(crs, place, expected, answer):
 
 
 def compare(codes, count):
-    """The largest distances in each system."""
+    """Prints the largest distances in each system."""
     random_ = random.Random(7)
     work = []
     for code in codes:
@@ -87,12 +94,12 @@ def compare(codes, count):
     return worst, len(work), seconds
 
 
-# Names by which PROJ shifts in some places alone.
+# Names for which PROJ's shift depends on the position.
 BY_PLACE = {"pulkovo1995", "sjtskjtsk03", "systemoftheunifiedtrigonometricalcadastralnetworkjtsk03"}
 
 
 def known_datums():
-    """Names of datums, as the code has them, whose systems agree; and a system for each."""
+    """Returns names of datums, as the code has them, whose systems agree; and a system for each."""
     random_ = random.Random(11)
     kinds = [pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
     systems, work = {}, []
@@ -116,7 +123,7 @@ def known_datums():
         for name in {re.sub("[^a-z0-9]", "", re.sub("^D_| ensemble$", "", name).lower()) for name in own}:
             names[name].append((deprecated, code))
     for name, found in sorted(names.items()):
-        # Systems in use decide, if there is one.
+        # Non-deprecated systems take precedence, if there is one.
         found = [one for one in sorted(found) if not one[0]] or sorted(found)
         if name not in BY_PLACE and not any(code in bad for _, code in found):
             yield name, found[0][1]
@@ -128,7 +135,7 @@ def in_islands(place):
 
 
 def text_of(crs, form):
-    """A system in a form; `None` if it has none."""
+    """Returns a system in a form; `None` if it has none."""
     try:
         if form == "PROJJSON":
             return crs.to_json()
@@ -138,7 +145,7 @@ def text_of(crs, form):
 
 
 def stripped(text):
-    """A definition without identifiers, at any depth."""
+    """Returns a definition without identifiers, at any depth."""
     if text.startswith("{"):
         def strip(value):
             if isinstance(value, dict):
@@ -150,7 +157,7 @@ def stripped(text):
 
 
 def definitions(every):
-    """Systems in all forms without identifiers: form, name, text, and the system itself."""
+    """Yields systems in all forms without identifiers: form, name, text, and the system itself."""
     kinds = [pyproj.enums.PJType.PROJECTED_CRS, pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
     forms = ["WKT1_GDAL", "WKT1_ESRI", "WKT2_2015", "WKT2_2019", "PROJJSON", "PROJ"]
     for authority in ["EPSG", "ESRI"]:
@@ -181,7 +188,7 @@ def definitions(every):
 
 
 def check_definitions(every):
-    """Whether any definition gives coordinates that PROJ does not give."""
+    """Returns whether any definition gives coordinates that differ from PROJ's."""
     random_ = random.Random(5)
     work = []
     for form, name, text, crs in definitions(every):
@@ -249,7 +256,8 @@ def main():
     kinds = [pyproj.enums.PJType.PROJECTED_CRS, pyproj.enums.PJType.GEOGRAPHIC_2D_CRS]
     codes = sorted({int(info.code) for info in query_crs_info(auth_name="EPSG", pj_types=kinds, allow_deprecated=True)})
     worst, _, _ = compare([code for code in codes if code < 32768], 5)
-    # (A shift that is good to metres is the same if it is within a centimetre, and back, without heights, within a metre.)
+    # Shifts with an accuracy of metres are the same if they agree within a centimetre, and the
+    # inverse, without heights, within a metre.
     good = {code for code, (there, back) in worst.items() if there < 1e-2 and back < 1}
     ranges = []
     for code in codes:

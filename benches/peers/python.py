@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""The Python package against rasterio and NumPy: windows, averaged sizes, points, statistics; one thread of one process.
+"""The Python package against rasterio and NumPy: windows, averaged sizes, points, statistics; one
+thread of one process.
 
-Run it with a Python that has both (`pip install ./python rasterio`), all files in the system's cache. Windows are 256 x 256 cells
-anywhere, at levels that the COG has, the same ones in each pass: all blocks are in GDAL's cache after the first. Times are processor
-time, medians of three passes after a first one.
+Run it with a Python that has both (`pip install ./python rasterio`), all files in the system's
+cache. Windows are 256 x 256 cells anywhere, at levels that the COG has, the same in each pass: all
+blocks are in GDAL's cache after the first. Times are processor time, medians of three passes after
+a first one.
 """
 
 import os
@@ -22,7 +24,7 @@ PASSES, WINDOWS, POINTS = 4, 1000, 1_000_000
 
 
 def rate(calls):
-    """Calls a second of processor time: the median of all passes but the first."""
+    """Returns calls per second of processor time: the median of all passes except the first."""
     rates = []
     for _ in range(PASSES):
         began = time.process_time()
@@ -33,7 +35,8 @@ def rate(calls):
 
 
 def overhead(ds):
-    """Microseconds of a call that reads one cell, which is nearly nothing to the library."""
+    """Returns microseconds of a call that reads one cell, which takes the library hardly any time.
+    """
     return 1e6 / rate([lambda: ds.read(1, window=(0, 0, 1, 1))] * 20000)
 
 
@@ -42,7 +45,8 @@ def us(rate):
 
 
 def averages(ds, file, picture):
-    """Averaged sizes: times, and how far they are from the exact means of the cells, of ours and of what rasterio makes of overviews."""
+    """Averaged sizes: times, and the deviation from the exact means of the cells, for ours and for
+    rasterio's results from overviews."""
     rows = []
     for side, size in ((640, 50), (2160, 256)):
         part = (300, 0, side, side)

@@ -1,9 +1,14 @@
 #!/usr/bin/env python3
-"""`ExactModel.rays` of many rays against trimesh with Embree: processor time of the calls, one thread; the tree and the file are there before.
+"""`ExactModel.rays` of many rays against trimesh with Embree: processor time of the calls, one
+thread; the tree and the file are built before.
 
-Run it with a Python that has both (`pip install ./python trimesh embreex`): python benches/peers/rays.py [RAYS]
-Rays of a camera come from one point, in rows; others from anywhere around the model towards any point of its box. What is asked for is the
-same: places, and triangles. Theirs are in single precision, ours are exact: distances of rays that both say hit differ by what is printed.
+Run it with a Python that has both (`pip install ./python trimesh embreex`):
+
+    python benches/peers/rays.py [RAYS]
+
+Rays of a camera start at one point, in rows; others start anywhere around the model and pass
+through any point of its box. Both sides return positions and triangles. Theirs are in single
+precision, ours are exact: the printed differences are those of distances for common hits.
 """
 
 import os
@@ -21,7 +26,7 @@ RAYS = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
 
 
 def timed(call):
-    """The least processor time of three calls, and what the last one gives."""
+    """Returns the minimum processor time of three calls, and the last result."""
     least = np.inf
     for _ in range(3):
         began = time.process_time()

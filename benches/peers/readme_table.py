@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Measures what the README's table compares, and writes the table into it, with date, machine and commit:
+"""Measures the comparisons of the README's table, and updates it, with date, machine and commit:
 
     readme_table.py PROGRAM [--rates BENCH] [--commit ID] [--print]
 
-PROGRAM is a release build of `spinney`, BENCH the executable that `cargo bench --bench rates --no-run` tells of; without it the rows of
-windows are left out. ID is the commit that they were built from, if that is not the one which is checked out. The Python that runs this
-needs rasterio, manifold3d, libigl (which reads meshes) and exactextract; gdal_translate and gdal_contour have to be there, and the data of ../shared/data. Processor
-seconds, medians of three runs; gdal_contour runs once. Takes five minutes.
+PROGRAM is a release build of `spinney`, BENCH the executable that `cargo bench --bench rates
+--no-run` prints; without it the rows of windows are omitted. ID is the commit that they were built
+from, if it is not the one that is checked out. The Python that runs this needs rasterio,
+manifold3d, libigl (which reads meshes) and exactextract; gdal_translate and gdal_contour must be
+installed, and the data of ../shared/data must exist. Processor seconds, medians of three runs;
+gdal_contour runs once. Takes five minutes.
 """
 
 import argparse
@@ -37,20 +39,21 @@ from common import RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, runs, star
 
 
 def part(name):
-    """A function of this file in a process of its own: what imports NumPy would count in the memory of what is started later."""
+    """Runs a function of this file in a separate process: NumPy imports would count in the memory
+    of processes started later."""
     options = ["--rates", asked.rates] if asked.rates else []
     command = [sys.executable, "-W", "ignore", __file__, asked.program, *options, "--part", name]
     return json.loads(subprocess.run(list(map(str, command)), check=True, capture_output=True, text=True).stdout)
 
 
 def script(name, *words):
-    """What another script here prints."""
+    """Returns the output of another script here."""
     command = [sys.executable, "-W", "ignore", HERE / name, *words]
     return subprocess.run(list(map(str, command)), check=True, capture_output=True, text=True).stdout
 
 
 def cost(run):
-    """Processor seconds and memory."""
+    """Returns processor seconds and memory."""
     seconds, _, memory = run
     return f"{seconds:.3g} s, {memory:,.0f} MiB" if seconds < 99.5 else f"{seconds:.0f} s, {memory:,.0f} MiB"
 
@@ -60,7 +63,7 @@ def rate(number):
     return f"{round(number / digits) * digits:,.0f} /s"
 
 
-# Each of these gives rows of the table: job, peer, the peer's figure, ours.
+# Each of these returns rows of the table: job, peer, the peer's figure, ours.
 
 
 def building():
@@ -87,7 +90,7 @@ def majorities():
     shares = []
     for line in script("majority.py").splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
-        # (Blocks of 2 x 2 cells are made of the cells themselves.)
+        # Blocks of 2 x 2 cells are made of the cells themselves.
         if len(cells) == 7 and cells[1].isdigit():
             assert cells[5] == "0", line
             if cells[6].endswith("%") and int(cells[2]) > 2:
@@ -110,7 +113,7 @@ def windows():
 
 
 def points():
-    """Ours is the whole program, with text in and out; rasterio's is its call alone."""
+    """Ours is the whole program, with text input and output; rasterio's is its call alone."""
     import random
     import time
 
@@ -147,7 +150,8 @@ def contours():
 
 
 def bodies():
-    """Both sides have the same triangles, with corners on one grid. manifold3d works in memory, and takes longer to read them."""
+    """Both sides have the same triangles, with vertices on one grid. manifold3d works in memory,
+    and takes longer to read them."""
 
     def inside(*words):
         command = [sys.executable, "-B", HERE / "booleans.py", "inside", *words]

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Tables of the EPSG registry, by pyproj: what `crates/crs/src/registry/` has.
+"""Tables of the EPSG registry, by pyproj: the contents of `crates/crs/src/registry/`.
 
     benches/peers/registry.py geodetic     # ellipsoids, prime meridians and geographic systems
-    benches/peers/registry.py projected    # the geographic system and the axes of each projected one, by ranges
+    benches/peers/registry.py projected    # geographic system and axes of each one, by ranges
     benches/peers/registry.py vertical     # vertical systems
 
-Needs pyproj (`pip install pyproj`). `rustfmt` does the rest.
+Needs pyproj (`pip install pyproj`). Run `rustfmt` on the result.
 """
 
 import re
@@ -17,21 +17,21 @@ from pyproj.database import query_crs_info
 from pyproj.enums import PJType
 
 warnings.simplefilter("ignore")
-# Units of vertical systems by their names there.
+# Units of vertical systems by their registry names.
 LENGTHS = {"metre": 1.0, "foot": 0.3048, "US survey foot": 1200 / 3937, "British foot (1936)": 0.3048007491}
-# Axes that the code writes, by their directions.
+# Axes as written in the code, by their directions.
 AXES = {("east", "north"): "EastNorth", ("north", "east"): "NorthEast", ("west", "south"): "WestSouth"}
 
 
 def systems(kind):
-    """Numbers below 32767 of a kind, and their systems."""
+    """Returns EPSG codes below 32767 of a kind, and their systems."""
     for info in sorted(query_crs_info(auth_name="EPSG", pj_types=[kind], allow_deprecated=True), key=lambda info: int(info.code)):
         if int(info.code) < 32767:
             yield int(info.code), pyproj.CRS.from_epsg(int(info.code))
 
 
 def measure(value):
-    """A length in metres, or an angle in degrees."""
+    """Returns a length in metres, or an angle in degrees."""
     if isinstance(value, dict):
         factor = value["unit"]["conversion_factor"]
         return value["value"] * (round(factor / 0.017453292519943295, 12) if value["unit"]["type"] == "AngularUnit" else factor)
@@ -39,7 +39,7 @@ def measure(value):
 
 
 def esri(crs, keyword):
-    """The name that Esri has for a part."""
+    """Returns Esri's name for a component."""
     try:
         found = re.search(rf'{keyword}\["([^"]+)"', crs.to_wkt("WKT1_ESRI"))
     except pyproj.exceptions.CRSError:
@@ -52,7 +52,7 @@ def text(name):
 
 
 def own(esri_name, name):
-    """Esri's name, where it is not the other one with underscores."""
+    """Returns Esri's name, if it is not the other one with underscores."""
     return "" if esri_name == re.sub("[^A-Za-z0-9]+", "_", name).strip("_") else esri_name
 
 
@@ -97,7 +97,7 @@ def projected():
             found.append((number, base["code"], AXES.get(axes, "Other")))
     ranges = []
     for number, *rest in found:
-        # (Numbers in between that mean nothing are of no interest.)
+        # Unassigned numbers in between may be included.
         if ranges and ranges[-1][2] == rest:
             ranges[-1][1] = number
         else:

@@ -1,17 +1,20 @@
 #!/usr/bin/env python3
-"""Files on a web server that takes 50 ms for each answer: tiles, class areas of countries and random points, each with nothing held, against
-rasterio and exactextract on COGs (ZSTD) from the same server.
+"""Files on a web server with a latency of 50 ms per response: tiles, class areas of countries and
+random points, each with empty caches, against rasterio and exactextract on COGs (ZSTD) from the
+same server.
 
     pip install numpy rasterio exactextract titiler.core uvicorn
     npm, for the countries (world-atlas, of Natural Earth)
     cargo build --release --features remote
     PYTHON=python [CODEC=packed] benches/peers/remote.py [tiles] [countries] [points] [titiler]
 
-Seconds are wall time: what is measured is waiting. Ours are whole runs of the program; the others' begin when everything is imported.
+Seconds are wall time, since waiting is what is measured. Ours are whole runs of the program; the
+others' begin after all imports.
 
-`titiler`, which is left out if nothing is said, asks titiler's POST `/statistics` for the same class areas: whole cells of each class, at the file's
-resolution and at that of 1024 pixels, and cells by the share that is inside, with an expression for each class. It leaves `work/countries.geojson` for
-pages.mjs.
+`titiler`, which is not in the default set, sends the same class areas to titiler's POST
+`/statistics`: whole cells of each class, at the file's resolution and at that of 1024 pixels, and
+cells by their inside share, with an expression for each class. It writes `work/countries.geojson`
+for pages.mjs.
 """
 
 import json
@@ -38,7 +41,7 @@ LATENCY = 0.05
 # How segments are packed.
 CODEC = os.environ.get("CODEC", "plain")
 
-# Nothing is held from one question to the next.
+# Nothing is cached between queries.
 COLD = {"CPL_VSIL_CURL_NON_CACHED": "/vsicurl/", "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR", "VSI_CACHE": "FALSE"}
 
 TILES = """
@@ -78,7 +81,7 @@ print(json.dumps([time.perf_counter() - began, values]))
 
 
 def peer(script, url, given):
-    """What a script of Python answers."""
+    """Returns the output of a Python script."""
     run = subprocess.run([PYTHON, "-c", script, url], input=json.dumps(given), capture_output=True, text=True, env={**os.environ, **COLD})
     if run.returncode:
         sys.exit(f"failed: {run.stderr}")
@@ -86,7 +89,7 @@ def peer(script, url, given):
 
 
 def ours(*words, given=None):
-    """Seconds of a run of the program, its output, and rounds, requests and bytes."""
+    """Returns the seconds of a run of the program, its output, and batches, requests and bytes."""
     began = time.perf_counter()
     run = subprocess.run([SPINNEY, "-v", *words], input=given, capture_output=True, text=True)
     seconds = time.perf_counter() - began
@@ -96,7 +99,7 @@ def ours(*words, given=None):
 
 
 def made(picture, name):
-    """The name of a picture's tree, which is made if it is not there."""
+    """Returns the name of a raster's tree, which is built if it does not exist."""
     name = f"{name}.goblin" if CODEC == "plain" else f"{name}_{CODEC}.goblin"
     tree(picture, WORK / name, "--codec", CODEC)
     return name
@@ -131,7 +134,7 @@ def tiles(server):
 
 
 def countries():
-    """Features of 40 countries, from the archive that npm has."""
+    """Returns features of 40 countries, from the npm package."""
     folder = WORK / "world-atlas"
     if not folder.exists():
         subprocess.run(["npm", "install", "--silent", "--no-save", "--prefix", folder, "world-atlas@2"], check=True)
@@ -170,7 +173,7 @@ def class_areas(server):
     theirs, areas = peer(COUNTRIES, f"{server.url}/shoreline_zstd.tif", wanted)
     their_bytes = server.counts()["bytes"]
     found, worst = [], 0.0
-    # (Russia's rings cross themselves, where each has a rule of its own.)
+    # Russia's rings intersect themselves, which each tool resolves differently.
     for country, expected in zip(wanted, areas):
         path = WORK / "country.geojson"
         path.write_text(json.dumps({"type": "FeatureCollection", "features": [country]}))
@@ -184,32 +187,33 @@ def class_areas(server):
     row = [f"{seconds:.3f}", f"{statistics.median(theirs):.3f}", f"{sum(s for s, _ in found):.1f} and {sum(theirs):.1f}", verdict(ratio, 1 / 20, least=False)]
     row += [f"{statistics.median(rounds)}, at most {max(rounds)}", f"{statistics.median(c[2] for _, c in found) / 1e6:.2f}, at most {most / 1e6:.2f}", f"{worst:.1e}"]
     one_by_one = sum(counts[2] for _, counts in found)
-    # (One process for all of them holds what it has read.)
+    # One process for all of them caches what it has read.
     path.write_text(json.dumps({"type": "FeatureCollection", "features": wanted}))
     at_once = ours("stats", f"{server.url}/{goblin}", "--zones", str(path), "--edge", "area", "--json")[2][2]
     row += [f"{one_by_one / 1e6:.2f}, at once {at_once / 1e6:.2f}; {their_bytes / 1e6:.2f}", verdict(one_by_one / their_bytes, 1 / 10, least=False), f"{at_once / their_bytes:.3f}"]
     table(["class areas of a country", "rasterio + exactextract, s", "all 40, s", "ratio (1/20)", "rounds (4)", "MB (2)", "largest difference", "MB, all 40; theirs", "share (1/10)", "at once"], [row])
 
 
-# What titiler is asked with, and the classes that its answer has then; an expression's sums are weighted by the share of a cell that is inside.
+# The queries sent to titiler, and the classes in their results; an expression's sums are weighted
+# by the inside share of a cell.
 CLASSES = range(5)
 STATISTICS = {
     "titiler, cells of classes": "categorical=true",
     "titiler, the same of 1024 pixels": "categorical=true&max_size=1024",
     "titiler, an expression for each class": "expression=" + urllib.parse.quote(";".join(f"where(b1=={value},1,0)" for value in CLASSES)),
 }
-# (As its own documents advise.)
+# As its documentation advises.
 ADVISED = {"GDAL_HTTP_MERGE_CONSECUTIVE_RANGES": "YES", "GDAL_INGESTED_BYTES_AT_OPEN": "32768"}
 
 
 def box_in_cells(country):
-    """Columns and rows of the shoreline that a country's box touches."""
+    """Returns columns and rows of the shoreline that a country's box touches."""
     corners = [corner for polygon in country["geometry"]["coordinates"] for ring in polygon for corner in ring]
     return [math.ceil(max(axis) * 120) - math.floor(min(axis) * 120) for axis in zip(*corners)]
 
 
 def told(query, answer, country):
-    """Cells of each class by what titiler answers."""
+    """Returns cells of each class from titiler's response."""
     bands = answer["properties"]["statistics"]
     if query.startswith("expression"):
         return {value: band["sum"] for value, band in zip(CLASSES, bands.values())}
@@ -221,14 +225,15 @@ def told(query, answer, country):
 
 
 def farthest(found, expected):
-    """How far the cells of a class are off at most, as a share of all cells."""
+    """Returns the maximum error of the cells of a class, as a share of all cells."""
     return max(abs(found.get(value, 0) - expected.get(value, 0)) for value in CLASSES) / sum(expected.values())
 
 
 def statistics_elsewhere(server):
     name, picture = made(SHORELINE, "shoreline"), "served_shoreline_cog.tif"
     cog(SHORELINE, WORK / picture, "COMPRESS=ZSTD", "BLOCKSIZE=256", "OVERVIEW_RESAMPLING=MODE")
-    # (Their rings cross themselves, where each has a rule of its own. Russia's box, 208 million cells, would take titiler tens of GB, too.)
+    # Their rings intersect themselves, which each tool resolves differently. Russia's box, 208
+    # million cells, would also take titiler tens of GB.
     wanted = [country for country in countries() if country["properties"]["name"] not in ("Russia", "Sudan")]
     file = WORK / "countries.geojson"
     file.write_text(json.dumps({"type": "FeatureCollection", "features": wanted}))
@@ -239,7 +244,8 @@ def statistics_elsewhere(server):
     rows = [["exactextract", f"{statistics.median(seconds):.2f}, at most {max(seconds):.2f}", "", f"{counts['requests'] / len(wanted):.0f}", f"{counts['bytes'] / len(wanted) / 1e6:.3f}", "", ""]]
 
     def row(name, found):
-        """A row of seconds, rounds or requests, bytes, peak MiB and shares that are off, of each country."""
+        """Prints a row of seconds, batches or requests, bytes, peak MiB and error shares, over the
+        countries."""
         seconds, asked, size, peak, off = zip(*found)
         at = off.index(max(off))
         worst = f"{statistics.median(off):.1e}, at most {max(off):.1e} ({wanted[at]['properties']['name']})"

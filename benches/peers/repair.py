@@ -1,13 +1,16 @@
 #!/usr/bin/env python3
-"""Meshes that are no bodies: `spinney build --brep --repair` against libigl's exact arrangements and manifold3d's import.
+"""Meshes that are not solids: `spinney build --brep --repair` against libigl's exact arrangements
+and manifold3d's import.
 
     repair.py [NAME ...]
 
-All scans, dirty scans and hostile bodies of ../shared/data/mesh and hostile/bodies, the buildings of its city files, and 40 constructions:
-heaps of boxes and balls that are turned, nested, inside out and twice, with a fixed seed. Of each: processor seconds with reading and writing,
-and volumes. libigl resolves by winding numbers above 0, so that its volume is compared with ours by `--inside positive`; bodies that are inside
-out are nothing to it. manifold3d says whether it takes the mesh. The peers are installed as for exact.py (and libigl). The program is
-target/release/spinney, or SPINNEY. One thread.
+All scans, dirty scans and the bodies of ../shared/data/mesh and `hostile/bodies`, the buildings of
+its city files, and 40 constructions: heaps of boxes and balls that are rotated, nested, inside out
+and duplicated, with a fixed seed. Reports for each: processor seconds with reading and writing, and
+volumes. libigl resolves by winding numbers above 0, so its volume is compared with ours by
+`--inside positive`; inside-out solids are empty to it. manifold3d reports whether it accepts the
+mesh. The peers are installed as for exact.py (and libigl). The program is target/release/spinney,
+or SPINNEY. One thread.
 """
 
 import json
@@ -24,12 +27,12 @@ from exact import MESH, PYTHON, install  # noqa: E402
 
 CONSTRUCTIONS = 40
 MADE = WORK / "dirty"
-# Seconds that a peer may take.
+# Seconds allowed for a peer.
 PLENTY = 300
 
 
 def construct():
-    """Writes the constructions as PLY files, into the folder given."""
+    """Writes the constructions as PLY files into a directory."""
     import numpy as np
     import trimesh
 
@@ -87,7 +90,7 @@ def ask(name, path):
 
 
 def ours(path, *options):
-    """Volume and processor seconds, or the first line of what it says."""
+    """Returns volume and processor seconds, or the first line of the error."""
     model = WORK / "repaired.goblin"
     model.unlink(missing_ok=True)
     command = [SPINNEY, "-q", "build", path, "-o", model, "--brep", "--repair", *options]

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Scaling of `spinney build` with the picture: time at most linear, memory flat.
+"""Scaling of `spinney build` with raster size: time at most linear, memory constant.
 
-`scaling.py [MOST]`: the largest pictures have 2^MOST cells along a side (16). 2^16 speckled cells would need more
-than 10 GB of disk and are left out.
+`scaling.py [MOST]`: the largest rasters have 2^MOST cells along a side (16). 2^16 speckled cells
+would need more than 10 GB of disk and are left out.
 """
 
 import subprocess
@@ -10,7 +10,7 @@ import sys
 
 from common import SPINNEY, WORK, runs, start, table, verdict
 
-# In a process of its own: see `once`.
+# In a separate process: see `once`.
 WRITER = r"""
 import sys
 import numpy, rasterio
@@ -54,7 +54,7 @@ def main():
             cpu, _, memory = runs(command, 3 if power < 15 else 1)
             rows.append([kind, f"2^{power}", f"{cpu:.2f}", f"{4**power / cpu / 1e6:.0f}", f"{memory:.0f}",
                          f"{goblin.stat().st_size / 1e6:.1f}",
-                         # A tenth is noise.
+                         # A tolerance of a tenth for noise.
                          verdict(cpu / before[0], 4.4, False) if before else "-",
                          f"{memory / before[1]:.2f}" if before else "-"])
             before = (cpu, memory)

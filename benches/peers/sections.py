@@ -3,8 +3,9 @@
 
     sections.py
 
-trimesh slices a mesh in memory, and makes closed paths of the pieces, whose areas are asked for; ours reads an exact model's file and
-writes polygons with holes and areas. The peer is installed as for exact.py. The program is target/release/spinney, or SPINNEY. One thread.
+trimesh slices a mesh in memory, and joins the segments to closed paths, whose areas are computed;
+ours reads an exact model's file and writes polygons with holes and areas. The peer is installed as
+for exact.py. The program is target/release/spinney, or SPINNEY. One thread.
 """
 
 import csv

@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
-"""The server: tiles in a second, at 32 connections, and memory over mixed requests.
+"""The server: tiles per second, at 32 connections, and memory over mixed requests.
 
-Tiles of 256 pixels of the trees' own grids: random ones of the two deepest zooms, 2,000 in turn, by oha, or without it by clients in two processes.
-Beside them stand titiler's tiles of the same maps as COG, on the grid of degrees (WorldCRS84Quad), on which they lie, so that it warps nothing, and those
-that martin hands out of PMTiles that we have drawn (web mercator). Then 10,000 mixed requests: windows, tiles of both grids, points, statistics of
-polygons, and ranges of files; memory is what the process has for itself (RssAnon) after each tenth of them.
+Tiles of 256 pixels of the trees' own grids: random ones of the two deepest zooms, 2,000 in turn, by
+oha, or without it by clients in two processes. They are compared with titiler's tiles of the same
+maps as COG, on the grid of degrees (WorldCRS84Quad), with which the maps are aligned, so that it
+warps nothing, and with martin's tiles from PMTiles that we have drawn (web mercator). Then 10,000
+mixed requests: windows, tiles of both grids, points, statistics of polygons, and ranges of files;
+memory is the process's private memory (RssAnon) after each tenth of them.
 
     cargo install oha martin --locked
 
-titiler.core and uvicorn are taken from the Python that PEERS_PYTHON names (this one if it is not set), the programs from the path or where OHA and MARTIN
-say; what is not there is left out. SECONDS is the time of each measurement (5), REQUESTS the number of mixed ones (10000).
+titiler.core and uvicorn are taken from the Python given by PEERS_PYTHON (default: this one), the
+programs from the path or from OHA and MARTIN; missing peers are omitted. SECONDS is the time of
+each measurement (5), REQUESTS the number of mixed ones (10000).
 """
 
 import json
@@ -54,7 +57,7 @@ copy(*sys.argv[1:3], driver='COG', COMPRESS='ZSTD', BLOCKSIZE=256, OVERVIEW_RESA
 
 
 class Client:
-    """A connection on which one request follows the other."""
+    """A connection with sequential requests."""
 
     def __init__(self, port):
         self.socket = socket.create_connection(("127.0.0.1", port))
@@ -67,7 +70,7 @@ class Client:
         self.wanted = None
 
     def receive(self):
-        """Reads what is there; returns status and bytes once the answer is whole."""
+        """Reads available data; returns status and bytes once the response is complete."""
         piece = self.socket.recv(1 << 18)
         if not piece:
             raise ConnectionError("the server closed the connection")
@@ -89,7 +92,8 @@ def get(target, more=""):
 
 
 def work(port, requests, connections, seconds, answers):
-    """Sends requests in turn for some seconds, on some connections; puts the number of answers, and their bytes."""
+    """Sends requests in turn for some seconds, on some connections; puts the number of responses,
+    and their bytes, into the queue `answers`."""
     selector, turn = selectors.DefaultSelector(), 0
     for _ in range(connections):
         client = Client(port)
@@ -108,7 +112,7 @@ def work(port, requests, connections, seconds, answers):
 
 
 def rate_by_oha(port, targets):
-    """Tiles in a second, as oha counts them."""
+    """Returns tiles per second, as oha counts them."""
     file = WORK / "addresses.txt"
     file.write_text("".join(f"http://127.0.0.1:{port}{target}\n" for target in targets))
     words = [OHA, "--urls-from-file", file, "-c", str(CONNECTIONS), "-z", f"{SECONDS}s", "--no-tui", "--output-format", "json"]
@@ -119,7 +123,7 @@ def rate_by_oha(port, targets):
 
 
 def rate(port, targets):
-    """Answers in a second, and bytes of one in the mean."""
+    """Returns responses per second, and the mean bytes of one."""
     if OHA:
         return rate_by_oha(port, targets)
     requests = [get(target) for target in targets]
@@ -155,13 +159,13 @@ def wait_for(port):
 
 
 def private(pid):
-    """MiB that a process has for itself."""
+    """Returns MiB of a process's private memory."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("RssAnon")) / 1024
 
 
 def processor(pid):
-    """Seconds of processor time that a process has taken."""
+    """Returns the processor seconds that a process has taken."""
     words = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
@@ -175,7 +179,7 @@ def ask(client, request):
 
 
 def ours(name, count=2000):
-    """Tiles of a tree's own grid: random ones of its two deepest zooms."""
+    """Returns tiles of a tree's own grid: random ones of its two deepest zooms."""
     generator, (columns, rows), depth = random.Random(7), SIZES[name], DEPTHS[name]
     def tile():
         zoom = depth - 8 - generator.randrange(2)
@@ -186,7 +190,7 @@ def ours(name, count=2000):
 
 
 def theirs(name, path, count=2000):
-    """As many tiles of about the same size of the grid of degrees."""
+    """Returns as many tiles of about the same size on the grid of degrees."""
     generator, (columns, _) = random.Random(7), SIZES[name]
     deepest = max(zoom for zoom in range(20) if 512 << zoom <= columns * 1.5)
     def tile():
@@ -198,7 +202,7 @@ def theirs(name, path, count=2000):
 
 
 def drawn(name, deepest, count=2000):
-    """As many tiles of an archive in web mercator."""
+    """Returns as many tiles of an archive in web mercator."""
     generator = random.Random(7)
     def tile():
         zoom = deepest - generator.randrange(2)
@@ -211,7 +215,7 @@ DEPTHS = {"shoreline": 16, "relief": 13}
 
 
 def mixed(generator):
-    """One of all kinds of requests."""
+    """Returns a random request of any kind."""
     name = generator.choice(["shoreline", "relief"])
     lon, lat = generator.uniform(-170, 160), generator.uniform(-80, 75)
     kind = generator.randrange(6)

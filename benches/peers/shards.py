@@ -1,13 +1,17 @@
 #!/usr/bin/env python3
-"""Building in shards: what it costs beside one process, two workers of Dask beside one, and beside rioxarray with Dask; plans of many files.
+"""Building in shards: its cost compared with one process, two Dask workers compared with one, and
+with rioxarray and Dask; plans of many files.
 
     benches/peers/shards.py [costs] [dask] [disk] [plan]
 
-- `costs`: processor seconds of one process, and of plan, shards and merge; bytes of shard summaries; whether the bytes are the same.
-- `dask`: a mosaic of SIDE x SIDE (4 x 4) pictures of 33.6 million cells of 12 classes on a local cluster of one worker and of two, and the same job by rioxarray and Dask, which
-  write a COG. Needs spinney, distributed, rioxarray and rasterio in the Python that PYTHON names.
-- `disk`: what a merge takes on the disk that removes shards of that mosaic as they come to be in the file, beside the file alone.
-- `plan`: a plan of 10,000 files (FILES) beside gdalbuildvrt.
+- `costs`: processor seconds of one process, and of plan, shards and merge; bytes of shard
+  summaries; whether the bytes are the same.
+- `dask`: a mosaic of SIDE x SIDE (4 x 4) rasters of 33.6 million cells of 12 classes on a local
+  cluster of one worker and of two, and the same job by rioxarray and Dask, which write a COG. Needs
+  spinney, distributed, rioxarray and rasterio in the Python given by PYTHON.
+- `disk`: disk space of a merge that removes shards of that mosaic as it copies them, compared with
+  the file alone.
+- `plan`: a plan of 10,000 files (FILES) compared with gdalbuildvrt.
 """
 
 import contextlib
@@ -128,7 +132,7 @@ def dask():
 
 
 def disk():
-    """The most that the file and what is left of the job take at a time."""
+    """Returns the maximum total size of the file and the remaining job."""
     merged, job, tiles = emptied(WORK / "merged.goblin"), emptied(WORK / "job"), sorted(mosaic().glob("tile_*.tif"))
     said([SPINNEY, "-q", "shard", "plan", *tiles, "-o", job, "--shards", "64"])
     for number in range(64):

@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Solids: `spinney build` and `combine` against OpenVDB (level set, interior mask, file) on the same meshes.
+"""Solids: `spinney build` and `combine` against OpenVDB (level set, interior mask, file) on the
+same meshes.
 
     solids.py          the table
     solids.py long     the armadillo at 16384 cells; with a number, at so many
 
-Meshes are the armadillo of ../shared/data/mesh and finer ones made of it here by halving edges.
+Meshes are the armadillo of ../shared/data/mesh and finer ones made from it by halving edges.
 """
 
 import subprocess
@@ -16,7 +17,8 @@ from common import ROOT, SPINNEY, WORK, once, runs, start, table, verdict
 MESH = ROOT.parent / "shared" / "data" / "mesh"
 OPENVDB = WORK / "openvdb_solid"
 
-# Halves all edges so many times; in a process of its own, for the peak memory of others not to contain NumPy's.
+# Halves all edges repeatedly; in a separate process, so that NumPy does not count in the peak
+# memory of others.
 REFINE = """
 import sys
 import numpy as np
@@ -103,7 +105,7 @@ def main():
                      f"{out.stat().st_size / 1e6:.0f}", f"{(WORK / 'solid.vdb').stat().st_size / 1e6:.0f}"])
     table(["model", "cells", "CPU s", "wall s", "MiB", "OpenVDB CPU s", "MiB", "OpenVDB / ours", "peak", "MB", "VDB MB"], rows)
 
-    # A union of two solids on one grid: the armadillo and itself, moved by a part of its size.
+    # A union of two solids on one grid: the armadillo and itself, moved by a fraction of its size.
     a, b, c = (WORK / f"{name}.goblin" for name in "abc")
     once([SPINNEY, "-q", "build", coarse, "-o", a, "--cells", 1024])
     once([SPINNEY, "-q", "transform", a, "translate=37,21,11", "depth=10", "--move", "-o", b])

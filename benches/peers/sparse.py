@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""A tree of 100 GB on a web server that takes 50 ms for each answer: opening it, a tile, and 2,000 random points, with the memory that this takes.
+"""A tree of 100 GB on a web server with a latency of 50 ms per response: opening it, a tile, and
+2,000 random points, with the memory that this takes.
 
     pip install numpy crc32c
     cargo build --release --features remote
     benches/peers/sparse.py
 
-The file is made here, by the letter of formats.md: 2^18 x 2^18 cells of which all are 0, with a segment for each node as if no two were alike. It is sparse: 5 GB
-of the disk, which are given back in the end.
+The file is made here as formats.md specifies: 2^18 x 2^18 cells, all of them 0, with a segment for
+each node as if all differed. It is sparse: it takes 5 GB of disk space, which are freed at the end.
 """
 
 import os
@@ -33,13 +34,14 @@ PAGE, INDEX_PAGE = 128, 256
 
 
 def segment(kind):
-    """A dense block of 8 levels, all zeros: mark 1 has cells at its bottom, mark 2 nodes that are cut off."""
+    """Returns a dense block of 8 levels, all zeros: mark 1 has cells at its bottom, mark 2 nodes
+    that are cut off."""
     record = bytes(4) + b"\xaa" + struct.pack("<I", PLACES | kind << 21)[:3]
     return record + bytes(SEGMENT - len(record))
 
 
 def codes(level):
-    """FD codes of all nodes of a level, ascending."""
+    """Returns FD codes of all nodes of a level, ascending."""
     paths = np.arange(4**level, dtype=np.uint64)
     return (paths << np.uint64(63 - 2 * level) if level else paths) | np.uint64(level)
 
@@ -59,7 +61,7 @@ def make(path, model):
     level = np.concatenate([np.full(4**level, level, np.uint64) for level in levels])
     order = np.argsort(code)
     code, level = code[order], level[order]
-    # In postorder, the crown behind all others.
+    # In postorder, the top levels after all others.
     span = np.uint64(1) << (np.uint64(63) - np.uint64(2) * level)
     last = (code & ~np.uint64(31)) + np.where(level == 0, np.uint64(2**63), span) - np.uint64(32)
     crown = np.uint64(max(BLOCKS - 6, min(BLOCKS, 3)))

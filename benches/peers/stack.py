@@ -1,12 +1,14 @@
 #!/usr/bin/env python3
-"""Layers: a stack of 13 bands of 16 bits against `gdalbuildvrt -separate` and a COG; windows of a band against rasterio; NDVI against
-`gdal_calc.py`; means of zones in a series of 100 pictures against exactextract.
+"""Layers: a stack of 13 bands of 16 bits against `gdalbuildvrt -separate` and a COG; windows of a
+band against rasterio; NDVI against `gdal_calc.py`; means of zones in a series of 100 rasters
+against exactextract.
 
     pip install numpy rasterio exactextract
     SPINNEY=target/release/spinney python benches/peers/stack.py [SIDE]
 
-The bands are made of ../shared/data/raster/large/earth_8192x4096_rgb.jpg with noise, as those of Sentinel-2 lie: SIDE pixels of 10 m (10980), and
-half and a sixth as many of 20 and 60 m. Windows are read by Python on both sides, by the package `spinney` of PYTHON (of this Python, if that is not set).
+The bands are made of ../shared/data/raster/large/earth_8192x4096_rgb.jpg with noise, on the grids
+of Sentinel-2: SIDE pixels of 10 m (10980), and half and a sixth as many of 20 and 60 m. Windows are
+read by Python on both sides, by the package `spinney` of PYTHON (default: this Python).
 """
 
 import json

@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
 """Coordinate systems as we write them against PROJ, by pyproj and rasterio.
 
-    benches/peers/systems.py [--every N]    # systems of EPSG without their numbers, in all forms, as WKT 2, Esri's WKT and GeoTIFF's keys
-    benches/peers/systems.py --files        # the test pictures' systems as `info --json` tells them, against what GDAL reads
+    benches/peers/systems.py [--every N]
+        # systems of EPSG without their numbers, in all forms, as WKT 2, Esri's WKT and geokeys
+    benches/peers/systems.py --files
+        # the systems of the test rasters as printed by `info --json`, against GDAL's
 
-Each text must be read by PROJ as the system that it reads from the original: axes with their directions and units (but in Esri's text and
-in keys, which have none), the ellipsoid, and five points within a millimetre. Esri's text is compared with the one that PROJ writes. Fails if one differs.
-Needs pyproj and rasterio.
+PROJ must read each text as the same system as the original: axes with their directions and units
+(except in Esri's text and in keys, which have none), the ellipsoid, and five points within a
+millimetre. Esri's text is compared with the one that PROJ writes. Fails if one differs. Needs
+pyproj and rasterio.
 """
 
 import argparse
@@ -32,7 +35,8 @@ WORLD = pyproj.CRS("EPSG:4326")
 
 
 def ours(lines, form):
-    """Each system in another form; a line that begins with `error` where that cannot be."""
+    """Returns each system in another form; a line that begins with `error` if that is impossible.
+    """
     command = ["cargo", "run", "--quiet", "--release", "--example", "project", "--", "--as", form]
     done = subprocess.run(command, input="\n".join(lines) + "\n", capture_output=True, text=True, check=True, cwd=ROOT)
     return done.stdout.splitlines()
@@ -43,7 +47,7 @@ def axes(crs):
 
 
 def difference(known, written, area, with_axes):
-    """What differs; nothing if they are one system."""
+    """Returns the differences; empty if they are one system."""
     if with_axes and axes(known) != axes(written):
         return f"axes {axes(known)}, not {axes(written)}"
     figures = [(one.ellipsoid.semi_major_metre, one.ellipsoid.inverse_flattening) for one in (known, written) if one.ellipsoid]
@@ -54,7 +58,7 @@ def difference(known, written, area, with_axes):
     try:
         transformers = [pyproj.Transformer.from_crs(WORLD, known, always_xy=True)]
     except pyproj.exceptions.ProjError:
-        # (PROJ itself knows no way there.)
+        # PROJ itself has no operation there.
         return None
     transformers.append(pyproj.Transformer.from_crs(WORLD, written, always_xy=True))
     factor = known.axis_info[0].unit_conversion_factor
@@ -71,7 +75,7 @@ def difference(known, written, area, with_axes):
 
 
 def definitions(every):
-    """Form, text, system and area of what is compared."""
+    """Yields form, text, system and area of what is compared."""
     for kind in [PJType.PROJECTED_CRS, PJType.GEOGRAPHIC_2D_CRS, PJType.COMPOUND_CRS]:
         for info in query_crs_info(auth_name="EPSG", pj_types=[kind])[::every]:
             crs = pyproj.CRS.from_epsg(int(info.code))

@@ -1,11 +1,14 @@
 #!/usr/bin/env python3
-"""Tiles: pyramids of PNG tiles and PMTiles archives, zooms 0 to 6; processor time, time, peak memory.
+"""Tiles: pyramids of PNG tiles and PMTiles archives, zooms 0 to 6; processor time, wall time, peak
+memory.
 
-gdal2tiles and rio-pmtiles start from the map in degrees and warp it themselves: beside them stands what we take from the same file
-to the tiles (`build --grid xyz` and `export`), and the export alone, since a tree is built once. `vips dzsave` knows no projections: it
-gets a map in web mercator, and the export alone stands beside it.
+gdal2tiles and rio-pmtiles start from the map in degrees and warp it themselves: they are compared
+with our whole pipeline from the same file to the tiles (`build --grid xyz` and `export`), and with
+the export alone, since a tree is built once. `vips dzsave` supports no projections: it gets a map
+in web mercator, and is compared with the export alone.
 
-Needs gdal2tiles.py, vips, and rio-pmtiles with pmtiles in the Python that PEERS_PYTHON names (this one if it is not set).
+Needs gdal2tiles.py, vips, and rio-pmtiles with pmtiles in the Python given by PEERS_PYTHON
+(default: this one).
 """
 
 import os
@@ -22,7 +25,7 @@ RIO = PYTHON.parent / "rio"
 
 
 def made(target, *command):
-    """A file that is made once."""
+    """Makes a file once."""
     if not target.exists():
         once([*command, target])
     return target
@@ -36,7 +39,7 @@ def fresh(path):
 
 
 def measured(command, *targets):
-    """Medians of runs, each without the targets of the one before."""
+    """Returns medians of runs, each after removing the previous run's targets."""
     import statistics
 
     found = []
@@ -52,7 +55,7 @@ def main():
     degrees = ["-a_srs", "EPSG:4326", "-a_ullr", "-180", "90", "180", "-90"]
     half = made(WORK / "shoreline_21600.tif", "gdal_translate", "-q", "-outsize", "21600", "10800", "-co", "TILED=YES",
                 "-co", "COMPRESS=ZSTD", SHORELINE)
-    # (gdal2tiles and rio-pmtiles take no palettes.)
+    # gdal2tiles and rio-pmtiles do not support palettes.
     colours = made(WORK / "shoreline_21600_rgb.tif", "gdal_translate", "-q", "-expand", "rgb", "-co", "TILED=YES",
                    "-co", "COMPRESS=ZSTD", half)
     mercator = made(WORK / "shoreline_mercator_rgb.tif", "gdalwarp", "-q", "-t_srs", "EPSG:3857", "-te", f"-{HALF}", f"-{HALF}",

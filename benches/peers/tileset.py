@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""3D Tiles of the armadillo in 4096 cells, beside our own meshes of all its levels: processor time, time, peak memory, bytes.
+"""3D Tiles of the armadillo in 4096 cells, compared with our own meshes of all its levels:
+processor time, wall time, peak memory, bytes.
 
-There is no peer that makes tilesets of octrees: the smooth meshes of the same levels as PLY, each written by itself, are the measure.
+No peer makes tilesets of octrees: the baseline is the smooth meshes of the same levels as PLY, each
+written separately.
 """
 
 import shutil
@@ -27,7 +29,8 @@ def main():
     tree(MODEL, solid, "--cells", "4096")
 
     def export(*options):
-        # (A new folder each: right after thousands of files are removed a file system may take long to make as many.)
+        # A new directory each: after thousands of files are removed, a file system may take long to
+        # create as many.
         found = []
         for number in range(3):
             target = folder.with_name(f"{folder.name}{number}")

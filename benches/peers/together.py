@@ -1,9 +1,12 @@
 #!/usr/bin/env python3
-"""Two files together: 100 pairs of rasters, combined by `over`, `max`, `mask` and `diff`, against NumPy, rasterio and pyproj.
+"""Two files: 100 pairs of rasters, combined by `over`, `max`, `mask` and `diff`, against NumPy,
+rasterio and pyproj.
 
-Pairs differ in one thing or several: extent, grid, type, scale and offset, unit, names of classes, coordinate system. The expected result is computed cell by cell from
-what the numbers mean: cells of the second file are brought to the first's grid (area means by hand, bilinear interpolation with pyproj for other systems), numbers
-are converted by scale and unit, classes by name. Pairs on one grid are merged by `rasterio.merge`, too.
+Pairs differ in one property or several: extent, grid, type, scale and offset, unit, names of
+classes, coordinate system. The expected result is computed cell by cell from the meaning of the
+numbers: cells of the second file are resampled to the first's grid (own area means, bilinear
+interpolation with pyproj for other systems), numbers are converted by scale and unit, classes by
+name. Pairs on one grid are also merged by `rasterio.merge`.
 
     pip install numpy rasterio pyproj
     SPINNEY=target/release/spinney benches/peers/together.py [PAIRS]
@@ -39,7 +42,7 @@ Grid = tuple[float, float, float]
 
 @dataclass
 class Raster:
-    """A raster as it is stored, and what it means."""
+    """A raster as stored, and its meaning."""
 
     stored: npt.NDArray[Any]
     valid: npt.NDArray[np.bool_]
@@ -79,7 +82,8 @@ class Raster:
 
 
 def shares(first: float, cell: float, count: int, start: int, cells: int) -> npt.NDArray[np.float64]:
-    """How much of each target cell each source cell covers, along an axis: target cells are 1 wide and begin at `start`."""
+    """Returns the overlap of each source cell with each target cell, along an axis: target cells
+    are 1 wide and begin at `start`."""
     covered = np.zeros((cells, count))
     for target in range(cells):
         for source in range(count):
@@ -90,13 +94,14 @@ def shares(first: float, cell: float, count: int, start: int, cells: int) -> npt
 
 
 def whole(low: float, high: float) -> tuple[int, int]:
-    """The cells of which a run covers half."""
+    """Returns the cells at least half covered by a range."""
     first, last = math.floor(low + 1e-3 + 0.5), math.floor(high - 1e-3 + 0.5)
     return (first, last) if first < last else (math.floor(low), math.ceil(high))
 
 
 def on_grid(a: Raster, b: Raster) -> tuple[tuple[int, int], tuple[int, int], npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
-    """Columns and rows of the union on the first's grid, and the second's numbers there (as stored) with those that are valid."""
+    """Returns columns and rows of the union on the first's grid, and the second's numbers there (as
+    stored) with their validity."""
     if a.crs != b.crs:
         return warped(a, b)
     x, y, size = (b.left - a.left) / a.cell, (a.top - b.top) / a.cell, b.cell / a.cell
@@ -121,7 +126,8 @@ def on_grid(a: Raster, b: Raster) -> tuple[tuple[int, int], tuple[int, int], npt
 
 
 def warped(a: Raster, b: Raster) -> Any:
-    """Bilinear interpolation at the centres of the first's cells; the extent is the first's (--extent a)."""
+    """Bilinear interpolation at the centres of the first's cells; the extent is the first's
+    (--extent a)."""
     rows, columns = a.stored.shape
     x = a.left + (np.arange(columns) + 0.5) * a.cell
     y = a.top - (np.arange(rows) + 0.5) * a.cell
@@ -143,7 +149,7 @@ def warped(a: Raster, b: Raster) -> Any:
 
 
 def expected(a: Raster, b: Raster) -> dict[str, Any]:
-    """The meaning of the result's cells by operation; of classes their names."""
+    """Returns the meaning of the result's cells by operation; for classes their names."""
     across, down, second, has_second = on_grid(a, b)
     shape = (down[1] - down[0], across[1] - across[0])
     first, has_first = np.zeros(shape), np.zeros(shape, bool)
@@ -203,7 +209,7 @@ def classes(rng: random.Random, grid: Grid) -> Raster:
 
 
 def pair(rng: random.Random, number: int) -> tuple[str, Raster, Raster]:
-    """A pair that differs in what its number says, and may lie anywhere near the other."""
+    """Returns a pair that differs in the property selected by its number, at nearby positions."""
     here = (10.0, 500000.0, 5200000.0)
     shift = (10.0 * rng.randrange(-15, 16), 10.0 * rng.randrange(-15, 16))
     aligned = (10.0, here[1] + shift[0], here[2] + shift[1])
@@ -244,14 +250,15 @@ def check(folder: Path, kind: str, a: Raster, b: Raster) -> list[str]:
         more = ["--kind", "categorical"] if one.is_classes else ["--kind", "continuous"]
         run("build", str(folder / f"{name}.tif"), "-o", str(folder / f"{name}.goblin"), *more)
     trees = [str(folder / "a.goblin"), str(folder / "b.goblin")]
-    # (Of another coordinate system the first's extent is compared: what lies beyond depends on how a box is brought there.)
+    # For another coordinate system the first's extent is compared: cells beyond depend on how a box
+    # is transformed.
     more = ["--extent", "a"] if a.crs != b.crs else []
     tolerance = 2e-2 if a.crs != b.crs else 1e-6
     for operation, result in expected(a, b).items():
         if operation == "diff":
             found = json.loads(run("diff", *trees, "--json", *more))
             found = {name: found[name] for name in ("added", "removed", "changed")}
-            # (Means that are equal but for their last digits may count.)
+            # Means that differ only in their last digits may count.
             few = 2 if kind in ("other cells", "part of a cell") else 0
             is_same = all(abs(found[name] - result[name]) <= (few if name == "changed" else 0) for name in result)
             if a.crs == b.crs and not is_same:
@@ -302,7 +309,7 @@ def facts_of_classes(path: Path) -> list[dict[str, Any]]:
 
 
 def merged(folder: Path, a: Raster, b: Raster) -> list[str]:
-    """`over` next to rasterio's merge of the two."""
+    """Compares `over` with rasterio's merge of the two."""
     with rasterio.open(folder / "a.tif") as first, rasterio.open(folder / "b.tif") as second:
         cells, _ = merge([first, second], method="first")
         nodata = first.nodata

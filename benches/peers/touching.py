@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
-"""A million rings that touch: a grid of 1000 x 1000 squares, as one multipolygon and as a feature each with a value of its own (one of 1,000), to quadtrees of 4000 x 4000 and
-of 32000 x 32000 cells, against `gdal_rasterize`. The cells are held to what they must be: no gap, none of a neighbour.
+"""A million adjacent rings: a grid of 1000 x 1000 squares, as one multipolygon and as features with
+a value each (one of 1,000), to quadtrees of 4000 x 4000 and of 32000 x 32000 cells, against
+`gdal_rasterize`. The cells are checked: no gaps, and none assigned to a neighbour.
 
     SPINNEY=target/release/spinney benches/peers/touching.py [SIDE]
 """
@@ -14,7 +15,7 @@ from common import SPINNEY, WORK, once, start, table
 
 SIDE = int(sys.argv[1]) if len(sys.argv) > 1 else 1000
 
-# (In processes of their own, whose memory is not that of what is measured.)
+# In separate processes, whose memory does not count.
 WRITE = """
 import sys
 path, side, kind = sys.argv[1], int(sys.argv[2]), sys.argv[3]
@@ -33,7 +34,7 @@ with open(path, "w") as file:
 
 
 def described(kind):
-    """The file, made once."""
+    """Returns the file, made once."""
     path = WORK / f"squares_{kind}_{SIDE}.geojson"
     if not path.exists():
         subprocess.run([sys.executable, "-c", WRITE, path, str(SIDE), kind], check=True)
@@ -41,7 +42,7 @@ def described(kind):
 
 
 def check(tree, kind, width):
-    """Holds a tree to its cells: their number, and those of each value."""
+    """Checks a tree's cells: their number, and that of each value."""
     stats = json.loads(subprocess.check_output([SPINNEY, "stats", tree, "--json"]))
     cells = (SIDE * width) ** 2
     assert (stats["cells"], stats["void_cells"]) == (cells, 0), stats
@@ -57,8 +58,8 @@ def check(tree, kind, width):
 start(data=False, peer="gdal_rasterize")
 os.environ["OGR_GEOJSON_MAX_OBJ_SIZE"] = "0"
 rows = []
-# (A feature has to fit into half of the memory, by a bound on what its text becomes: 597 MB for a million rings in GeoJSON; edges of
-# all features have to, too: 960 MB.)
+# A feature has to fit into half of the memory, by an upper bound on its parsed size: 597 MB for a
+# million rings in GeoJSON; so do the edges of all features: 960 MB.
 for kind, what, memories in (("one", "one multipolygon", ["2G"]), ("each", "a feature each", ["2G"])):
     path = described(kind)
     for width in (4, 32):

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""Reading: random 256 x 256 windows at random places (not on tiles' borders) of random levels; one thread.
+"""Reading: random 256 x 256 windows at random positions (not aligned to tiles) of random levels;
+one thread.
 
-Of rasterio all tiles that are read are in GDAL's cache, or the cache has 64 MB; TensorStore reads zarr3 arrays of 256 x 256
-chunks, one per level, from its own cache. Ours are plain Goblin and Autumnal files, mapped. All read the same windows on one
-core; times are processor time.
+For rasterio, either all tiles that are read are in GDAL's cache, or the cache has 64 MB;
+TensorStore reads zarr3 arrays of 256 x 256 chunks, one per level, from its own cache. Ours are
+plain Goblin and Autumnal files, mapped. All read the same windows on one core; times are processor
+time.
 """
 
 import os
@@ -53,7 +55,7 @@ def tensorstore(path, places, name):
 
 
 def noise():
-    """A picture of bytes in which no two cells have anything to do with each other."""
+    """A raster of bytes with uncorrelated cells."""
     path = WORK / "noise.tif"
     if not path.exists():
         values = numpy.random.default_rng(1).integers(0, 256, (4096, 8192), dtype=numpy.uint8)
@@ -65,7 +67,8 @@ def noise():
 def main():
     start()
     rows = []
-    # The rates aimed at, and the ratios to rasterio from its cache, with 64 MB of it, and to TensorStore.
+    # The target rates, and target ratios to rasterio from its cache, with 64 MB of it, and to
+    # TensorStore.
     cases = [
         ("relief", RELIEF, "mean", 30_000, 0.7, None, 3),
         ("earth", EARTH, "mean", 25_000, 1.4, 5, 3),

@@ -1,19 +1,26 @@
 #!/usr/bin/env python3
-"""Buildings of city files: which are bodies and what volume they have, by `spinney build --brep --skip-bad` and `stats --each`, against trimesh and cjval.
+"""Buildings of city files: which are solids and their volumes, by `spinney build --brep --skip-bad`
+and `stats --each`, against trimesh and cjval.
 
     verdicts.py
     verdicts.py lines     with cjval's verdict of each building, which takes it a tenth of a second
 
 Files are those of Delft and Rotterdam in ../shared/data. What is compared, and what is not:
 
-- trimesh knows no CityJSON: the file is read here, each ring becomes a fan of triangles over the file's own vertices (equal ones are one; rings that come back to a point are several),
-  and an object is closed if trimesh finds each edge twice, in opposite directions (`is_watertight`, `is_winding_consistent`). It does not look whether faces pass through each other, for
-  which we refuse an object: those that only one of us takes are listed by name. Volumes are compared of objects that both take.
-- cjval looks at the schema, at relations, and at numbers of vertices, not at geometry: its verdict says nothing of bodies. It has one for a file, or for each line of a CityJSONSeq file,
-  which is written here with a building a line.
+- trimesh does not read CityJSON: the file is read here, each ring becomes a fan of triangles over
+  the file's own vertices (equal ones are merged; rings that return to a point are split), and an
+  object is closed if trimesh finds each edge twice, in opposite directions (`is_watertight`,
+  `is_winding_consistent`). It does not check whether faces intersect, for which we reject an
+  object: those that only one of us accepts are listed by name. Volumes are compared for objects
+  that both accept.
+- cjval checks the schema, relations, and vertex numbers, not geometry: its verdict does not cover
+  solids. It has one for a file, or for each line of a CityJSONSeq file, which is written here with
+  a building per line.
 
-Processor seconds are those of whole processes with one thread: ours to build and to measure, cjval's of the file, and Python's without its imports. `cargo install cjval --features
-build-binary`, and trimesh as for exact.py. The program is target/release/spinney, or SPINNEY; cjval is that of the path, or CJVAL.
+Processor seconds are those of whole processes with one thread: ours to build and to measure,
+cjval's of the file, and Python's without its imports. `cargo install cjval --features
+build-binary`, and trimesh as for exact.py. The program is target/release/spinney, or SPINNEY; cjval
+is taken from the path, or CJVAL.
 """
 
 import csv
@@ -35,7 +42,7 @@ CJVAL = os.environ.get("CJVAL", "cjval")
 
 
 def buildings(city):
-    """Objects with a geometry that are buildings, and their surfaces as lists of rings of numbers of vertices."""
+    """Returns buildings with a geometry, and their surfaces as lists of rings of vertex numbers."""
     for name, about in city["CityObjects"].items():
         surfaces = []
         for geometry in about.get("geometry", []) if about["type"] == "Building" else []:
@@ -46,7 +53,8 @@ def buildings(city):
 
 
 def loops(ring):
-    """A ring that comes back to a point, as a hole joined by a bridge does, as several; what leads there and back again is nothing."""
+    """Splits a ring that returns to a point, such as a hole joined by a bridge; removes edges
+    traversed forth and back."""
     found, path = [], []
     for at in ring:
         if at in path:
@@ -58,7 +66,8 @@ def loops(ring):
 
 
 def peer():
-    """Prints what trimesh says of each building: whether it is closed, and its volume; and processor seconds."""
+    """Prints trimesh's result for each building: whether it is closed, and its volume; and
+    processor seconds."""
     import time
 
     import numpy as np
@@ -74,7 +83,7 @@ def peer():
     for name, surfaces in buildings(city):
         rings = [loop for rings in surfaces for ring in rings for loop in loops([same[at] for at in ring])]
         fans = np.array([(ring[0], ring[i], ring[i + 1]) for ring in rings for i in range(1, len(ring) - 1)])
-        # (From a corner of its own, so that volumes lose no digits far from the origin.)
+        # Relative to one of its own vertices, so that volumes lose no digits far from the origin.
         used, fans = np.unique(fans, return_inverse=True)
         mesh = trimesh.Trimesh((points[used] - points[used[0]]) * step, fans.reshape(-1, 3), process=False)
         closed = bool(mesh.is_watertight and mesh.is_winding_consistent)
@@ -83,7 +92,7 @@ def peer():
 
 
 def measured(command, **more):
-    """A process that has ended, and its processor seconds."""
+    """Returns a finished process, and its processor seconds."""
 
     def spent():
         usage = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -95,7 +104,7 @@ def measured(command, **more):
 
 
 def ours(path):
-    """Volumes of those that are bodies, why the others are not, and processor seconds."""
+    """Returns volumes of the solids, reasons why the others are none, and processor seconds."""
     model = WORK / "verdicts.goblin"
     model.unlink(missing_ok=True)
     made, seconds = measured([SPINNEY, "build", path, "-o", model, "--brep", "--skip-bad", "--where", "type=Building"])
@@ -105,7 +114,7 @@ def ours(path):
         return {}, seconds
     out, more = measured([SPINNEY, "stats", "--each", model])
     assert out.returncode == 0, out.stderr
-    # (What of several is one body touches: it counts as a body as well.)
+    # A solid of several touching components counts as a solid as well.
     rows = csv.DictReader(out.stdout.splitlines())
     volumes = {row["id"]: float(row["volume"]) for row in rows if row["closed"] == "true"}
     left_out = sum(line.startswith("skipped") for line in lines)
@@ -114,7 +123,7 @@ def ours(path):
 
 
 def sequence(path):
-    """A CityJSONSeq file with a building a line, each with the vertices that it has."""
+    """Writes a CityJSONSeq file with a building per line, each with its own vertices."""
     city = json.loads(path.read_text())
     lines = [json.dumps({**{key: city[key] for key in ("type", "version", "transform")}, "CityObjects": {}, "vertices": []})]
 
@@ -125,7 +134,7 @@ def sequence(path):
 
     for name, _ in buildings(city):
         about, numbers = city["CityObjects"][name], {}
-        # (Pictures on surfaces are not looked at.)
+        # Textures are ignored.
         geometry = [{**{key: it[key] for key in ("type", "lod", "semantics") if key in it}, "boundaries": numbered(it["boundaries"], numbers)} for it in about["geometry"]]
         feature = {"type": "CityJSONFeature", "id": name, "CityObjects": {name: {**about, "geometry": geometry}}}
         lines.append(json.dumps({**feature, "vertices": [city["vertices"][at] for at in numbers]}))

@@ -1,8 +1,10 @@
 #!/usr/bin/env python3
-"""Rasters warped to web mercator, with all levels, against gdalwarp of the same cells, which makes one level.
+"""Rasters warped to web mercator, with all levels, against gdalwarp of the same cells, which makes
+one level.
 
-`build --grid xyz` reads the raster, makes its own tree in a temporary file, warps it and averages all levels; `transform grid=xyz` begins
-with a tree. gdalwarp computes exact places, as ours do (-et 0), and as it does by default (an eighth of a pixel off).
+`build --grid xyz` reads the raster, makes its own tree in a temporary file, warps it and averages
+all levels; `transform grid=xyz` starts from a tree. gdalwarp computes exact positions, as ours do
+(-et 0), and approximate ones, its default (off by up to an eighth of a pixel).
 """
 
 from common import RELIEF, SHORELINE, SPINNEY, WORK, runs, start, table, tree, verdict

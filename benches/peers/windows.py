@@ -1,10 +1,11 @@
 #!/usr/bin/env python3
-"""Reading: random 256 x 256 windows at random levels, histograms of large windows, many points; one thread.
+"""Reading: random 256 x 256 windows at random levels, histograms of large windows, many points; one
+thread.
 
-rasterio reads from COGs through GDAL's block cache, ours are plain files, mapped; files are in the system's cache.
-Both read the same aligned windows, wholly inside the picture, and are given to one core; times are processor time.
-The peer's windows are other ones in each pass, or, where it says so, the same ones again, so that GDAL has only to
-copy decoded blocks.
+rasterio reads from COGs through GDAL's block cache, ours are plain files, mapped; files are in the
+system's cache. Both read the same aligned windows, entirely inside the raster, on one core; times
+are processor time. The peer's windows differ in each pass, or, where noted, are the same again, so
+that GDAL only copies decoded blocks.
 """
 
 import os
@@ -17,7 +18,7 @@ import sys
 import rasterio
 from common import EARTH, RELIEF, ROOT, SHORELINE, SPINNEY, WORK, cog, once, start, table, tree, verdict
 
-# Times the peer in a process of its own: a fresh block cache.
+# Times the peer in a separate process, with an empty block cache.
 PEER = r"""
 import random, sys, time
 import numpy, rasterio
@@ -56,7 +57,7 @@ def pinned(command):
 
 
 def listed(path, name, count=4000, aligned=True):
-    """Writes windows at random places of random levels that the COG has, one list for both."""
+    """Writes windows at random positions of random levels that the COG has, one list for both."""
     with rasterio.open(path) as file:
         sizes = [(file.width, file.height)]
         sizes += [(-(-file.width // factor), -(-file.height // factor)) for factor in file.overviews(1)]
@@ -81,7 +82,7 @@ def peer(path, places, what, cache=None):
 
 
 def rates(path, *options):
-    """Our text and the numbers in it."""
+    """Returns our output and the numbers in it."""
     bench = os.environ.get("RATES")
     if not bench:
         built = subprocess.run(["cargo", "bench", "--bench", "rates", "--no-run"], cwd=ROOT, check=True,
@@ -101,7 +102,7 @@ def rates(path, *options):
 
 
 def points(goblin):
-    """Points a second of processor time on one thread, and of time on all."""
+    """Returns points per second of processor time on one thread, and of wall time on all."""
     random.seed(4)
     count, file = 4_000_000, WORK / "points.txt"
     if not file.exists():
@@ -121,7 +122,7 @@ def points(goblin):
 def main():
     start()
     rows, limits, texts = [], [], []
-    # Compression, whether windows come again, GDAL's cache in MB, and the ratio aimed at.
+    # Compression, whether windows repeat, GDAL's cache in MB, and the target ratio.
     mean = [("ZSTD", "other", None), ("ZSTD", "other", 64), ("ZSTD", "again", None)]
     cases = [
         ("shoreline", SHORELINE, "majority", "MODE", [*mean, ("NONE", "other", None), ("NONE", "other", 64)], 5),

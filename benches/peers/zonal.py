@@ -1,10 +1,12 @@
-"""Areas of classes in polygons: `spinney stats --zones` against exactextract and rasterstats on a COG.
+"""Areas of classes in polygons: `spinney stats --zones` against exactextract and rasterstats on a
+COG.
 
     pip install numpy rasterio shapely geopandas exactextract rasterstats
     SPINNEY=target/release/spinney python benches/peers/zonal.py [DATA] [POLYGONS]
 
-DATA is the folder with shoreline_43200x21600_u8.tif (../shared/data/raster/large). Stars of random sizes, the same every time; medians of
-processor seconds of whole processes. The answers are compared.
+DATA is the directory with shoreline_43200x21600_u8.tif (../shared/data/raster/large). Stars of
+random sizes, reproducible; medians of processor seconds of whole processes. The results are
+compared.
 """
 
 import json

@@ -1,9 +1,11 @@
 #!/usr/bin/env python3
-"""Many zones: areas of classes of 10,000 zones on the shoreline, and means of as many on the relief, against exactextract; means of 1,000 zones on the
-relief against extractrs, which is given the polygons as WKB and the raster as an array.
+"""Many zones: areas of classes of 10,000 zones on the shoreline, and means of as many on the
+relief, against exactextract; means of 1,000 zones on the relief against extractrs, which gets the
+polygons as WKB and the raster as an array.
 
     pip install numpy rasterio exactextract extractrs
-    SPINNEY=target/release/spinney PYTHON=python benches/peers/zones.py [shoreline] [relief] [extractrs]
+    SPINNEY=target/release/spinney PYTHON=python \\
+        benches/peers/zones.py [shoreline] [relief] [extractrs]
 """
 
 import json
@@ -35,7 +37,7 @@ zones = json.load(open(sys.argv[2]))["features"]
 print(json.dumps([f["properties"]["mean"] for f in exact_extract(sys.argv[1], zones, ["mean"])]))
 """
 
-# (Rings become WKB by hand, which is quicker than by shapely.)
+# Rings are encoded as WKB directly, which is faster than by shapely.
 EXTRACTRS = """
 import json, struct, sys, time
 import numpy, rasterio, extractrs
@@ -55,13 +57,14 @@ print(json.dumps(means.tolist()))
 
 
 def apart(work, *words):
-    """Does work in a process of its own, whose memory is not that of what is measured here."""
+    """Runs work in a separate process, whose memory does not count."""
     with ProcessPoolExecutor(1, get_context("fork")) as pool:
         return pool.submit(work, *words).result()
 
 
 def zones(picture, name, count, radii, cell):
-    """Stars of random sizes, in the picture's system, the same every time. Without radii all are large and spiky, as in features.py."""
+    """Returns stars of random sizes, in the raster's coordinate system, reproducible. Without radii
+    all are large and spiky, as in features.py."""
     path = WORK / f"{name}.geojson"
     info = json.loads(subprocess.check_output(["gdalinfo", "-json", picture]))
     left, width, _, top, _, height = info["geoTransform"]
@@ -85,7 +88,7 @@ def ours(made, path, times=3):
     out, words = WORK / "zones.json", [SPINNEY, "-q", "stats", made, "--zones", path, "--edge", "area", "--json"]
     with open(out, "w") as file:
         once(words, stdout=file)
-    # (Of each run to a file of its own, as theirs.)
+    # Each run writes its own file, as theirs does.
     measured = runs(words, times, stdout=open(WORK / "again.json", "w"))
     return measured, out
 

@@ -220,8 +220,8 @@ fn random_box(random: &mut Random, most: i32) -> Shape {
     Shape::cuboid(min, [0, 1, 2].map(|axis| min[axis] + size[axis]))
 }
 
-/// Returns whether a result contains a point, for many solids, by the number of those after the
-/// first that contain it.
+/// Returns whether the result of an operation on many solids contains a point, by the number of
+/// solids that contain it.
 fn holds_of_many(operation: u8, is_in: &[bool]) -> bool {
     let count = is_in.iter().filter(|is_in| **is_in).count();
     let inside = match if operation >= 8 { 15 - operation } else { operation } {

@@ -55,7 +55,7 @@ impl Folder {
     }
 }
 
-/// Returns which pixels show a share of the background, which is white.
+/// Returns which pixels show only the background, which is white.
 fn background(pixels: &[u8]) -> Vec<bool> {
     pixels.chunks(3).map(|pixel| pixel == [255; 3]).collect()
 }

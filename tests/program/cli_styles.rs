@@ -373,7 +373,7 @@ fn reliefs_are_those_of_gdaldem() {
         eprintln!("{style}: {others} of {} differ, by {most:?} at most", cells.len());
         assert!(most <= Some(1) && others * 1000 < cells.len(), "{style}");
     }
-    // Slopes and aspects are numbers: 256 greys resolve them to half a grey.
+    // Slopes and aspects are numbers: 256 greys resolve them to half a grey step.
     for (style, mode, options, step) in [
         (r##"{"draw": "slope", "ramp": "grey", "domain": [0, 51]}"##, "slope", &common[..], 0.2),
         (

@@ -3,8 +3,8 @@
 //
 //     `NODE_FOLDER=PACKAGES node tests/referees/gltf.mjs TILESET... MODEL.glb...`
 //
-// `NODE_FOLDER` contains the packages. TILESET is a directory. A tileset X is compared with a sibling X.meshopt, if it
-// exists; single models are only validated.
+// `NODE_FOLDER` contains the packages. TILESET is a directory. A tileset X is compared with a
+// sibling X.meshopt, if it exists; single models are only validated.
 
 import assert from 'node:assert/strict';
 import fs from 'node:fs';
@@ -22,7 +22,10 @@ const { GLTFLoader, postProcessGLTF } = require('@loaders.gl/gltf');
 const below = (folder) =>
   fs.readdirSync(folder, { recursive: true }).filter((name) => name.endsWith('.glb')).sort();
 
-/** Complaints of the validator, but that it does not know extensions, and so what uses the views that they alone use. */
+/**
+ * The validator's messages, except about unknown extensions, and about unused views that only these
+ * use.
+ */
 async function validate(file) {
   const { issues } = await validator.validateBytes(new Uint8Array(fs.readFileSync(file)), { maxIssues: 100 });
   const isKnown = ({ code, message, pointer }) =>
@@ -31,7 +34,7 @@ async function validate(file) {
   assert.deepEqual(issues.messages.filter((message) => !isKnown(message)), [], file);
 }
 
-/** Tiles by the traversal of 3d-tiles-tools: what they hold, and their boxes. */
+/** Tiles as traversed by 3d-tiles-tools: their contents, and their boxes. */
 async function traverse(folder) {
   const source = await TilesetSources.createAndOpen(folder);
   const json = JSON.parse((await source.getValue('tileset.json')).toString());
@@ -52,7 +55,7 @@ async function traverse(folder) {
   return contents;
 }
 
-/** Corners of all triangles of a file below its root, and their normals. */
+/** Vertices of all triangles of a file in its root's coordinates, and their normals. */
 async function triangles(file) {
   const gltf = postProcessGLTF(await parse(fs.readFileSync(file), GLTFLoader, { worker: false }));
   const found = [];
@@ -75,14 +78,14 @@ async function triangles(file) {
   return found;
 }
 
-/** Text of a triangle, whichever of its corners comes first. */
+/** Text of a triangle, independent of its first vertex. */
 function written(triangle) {
   const corners = triangle.map(({ at, normal }) => [...at, ...normal].join(' '));
   const first = corners.indexOf(corners.toSorted()[0]);
   return [0, 1, 2].map((i) => corners[(first + i) % 3]).join(', ');
 }
 
-/** The tree of tiles that loaders.gl makes of the subtrees. */
+/** The tree of tiles that loaders.gl builds from the subtrees. */
 async function loaded(folder) {
   const server = http.createServer((request, response) => {
     const file = path.join(folder, new URL(request.url, 'http://x').pathname);

@@ -1,4 +1,4 @@
-// What OpenVDB makes of the same meshes: a level set, the mask of its inside, a file.
+// OpenVDB with the same meshes: a level set, its interior mask, a file.
 //
 //   solid mesh MODEL.ply CELLS OUT.vdb      of a binary little-endian PLY file of triangles
 //   solid union A.vdb B.vdb OUT.vdb         of two level sets
@@ -25,7 +25,7 @@ static void fail(const std::string& text) {
     std::exit(1);
 }
 
-// The PLY files that benches/peers/solids.py writes: float x, y, z; lists of three ints.
+// Reads the PLY files of benches/peers/solids.py: float x, y, z; lists of three ints.
 static void read(const char* path, std::vector<Vec3s>& points, std::vector<Vec3I>& triangles) {
     std::ifstream file(path, std::ios::binary);
     std::string line;

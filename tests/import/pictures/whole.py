@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Makes `tests/import/pictures/whole`: images that Pillow writes, each with a PNG of the pixels that
-Pillow reads from it.
+"""Makes `tests/import/pictures/whole`: images that Pillow writes, each with a PNG of the pixels
+that Pillow reads from it.
 
     `python tests/import/pictures/whole.py`
 

@@ -1,7 +1,7 @@
-"""NumPy's word on what operations should have made of exported arrays.
+"""Checks exported arrays of operations with NumPy.
 
-Every line of standard input is a case: name, tolerance, the number that VOID has, the file that was made, the
-expression that says what should be in it, and the files it is about, called a, b ... in the expression.
+Every line of standard input is a case: name, tolerance, nodata value, output file, expression of
+the expected contents, and the input files, named a, b ... in the expression.
 """
 
 import sys
@@ -34,7 +34,7 @@ def subtract(a, b):
 
 
 def box(a, col, row, width, height):
-    """A window that may stick out."""
+    """Returns a window that may extend beyond the array."""
     result = np.ma.masked_all((height, width), a.dtype)
     rows = slice(max(row, 0), min(row + height, a.shape[0]))
     cols = slice(max(col, 0), min(col + width, a.shape[1]))
@@ -48,7 +48,8 @@ def enlarge(a, x, y):
 
 
 def blocks(a, n):
-    """The cells of each block of n x n as a third axis; what a block lacks at the edge is masked."""
+    """Returns the cells of each block of n x n as a third axis; missing cells at the edge are
+    masked."""
     height, width = -(-a.shape[0] // n), -(-a.shape[1] // n)
     full = box(a, 0, 0, width * n, height * n)
     return full.reshape(height, n, width, n).swapaxes(1, 2).reshape(height, width, n * n)
@@ -61,7 +62,8 @@ def mean(a, n):
 
 
 def majority(a, n):
-    """The most frequent value. Of several the children of a node decide (4 x 4), or the first cell."""
+    """Returns the most frequent value. Ties are decided by a node's children (4 x 4), or by the
+    first cell."""
     cells = blocks(a, n)
     data, there = cells.data, ~np.ma.getmaskarray(cells)
     count = np.stack([((data == data[..., i : i + 1]) & there).sum(axis=2) for i in range(n * n)], axis=2)
