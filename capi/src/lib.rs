@@ -5,7 +5,8 @@
 //! No function prints, exits or unwinds into the caller. Any number of threads may read a dataset
 //! at once.
 #![allow(non_camel_case_types)] // C names
-#![allow(clippy::missing_safety_doc)] // callers are C programs: the introduction of `spinney.h` has the rules
+// (Callers are C programs: the introduction of `spinney.h` has the safety rules.)
+#![allow(clippy::missing_safety_doc)]
 
 mod blocks;
 mod dataset;

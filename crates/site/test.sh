@@ -1,9 +1,11 @@
 #!/usr/bin/env bash
-# Tests the page in headless Chromium, which it installs where it can (as root, by apt-get; playwright-core drives it):
+# Tests the page in headless Chromium, controlled by playwright-core. Installs Chromium if it is
+# missing and can be installed (as root, by apt-get):
 #
 #     crates/site/test.sh
 #
-# The program must be there as target/debug/spinney (or where SPINNEY points).
+# Needs the program as target/debug/spinney, or its path in SPINNEY. Skips the tests without npm or
+# Chromium.
 set -euo pipefail
 cd "$(dirname "$0")"
 skip() {
@@ -17,7 +19,8 @@ if [ -z "$CHROMIUM" ] && [ "$(id -u)" = 0 ] && command -v apt-get > /dev/null; t
     CHROMIUM=$(command -v chromium || true)
 fi
 [ -n "$CHROMIUM" ] || skip 'there is no Chromium'
-# (Modules are looked for above the tests: so these are beside what drives the browser.)
+# (Node resolves modules from a script's directory upwards. Hence the tests are copied to the
+# directory that playwright-core is installed in.)
 work=$(mktemp -d)
 trap 'rm -rf "$work"' EXIT
 cp test/*.mjs "$work"

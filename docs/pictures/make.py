@@ -1,9 +1,10 @@
 #!/usr/bin/env python3
-"""Makes the README's three pictures of the fixtures and of formulas:
+"""Makes three images of the README from the fixtures and from formulas, and prints the numbers for
+the caption of the class map:
 
-    docs/pictures/make.py target/debug/spinney
+    `docs/pictures/make.py target/debug/spinney`
 
-Needs GDAL's programs (for its overviews), and Pillow and NumPy for Python. What the caption of the classes says is printed.
+Needs GDAL's programs (for its overviews), and Pillow and NumPy for Python.
 """
 
 import json
@@ -37,7 +38,7 @@ def spinney(*words):
 
 
 def relief(work):
-    """Heights of 50 m cells, brought to finer cells by cubic interpolation, in colours with light and contours."""
+    """Elevation of 50 m cells, resampled to finer cells (cubic), with colours and hillshade."""
     tree, fine, style, drawn = (work / name for name in ("relief.goblin", "fine.goblin", "style.json", "relief.png"))
     style.write_text(json.dumps(RELIEF))
     spinney("build", FIXTURES / "island_elevation.tif", "-o", tree)
@@ -51,7 +52,9 @@ def relief(work):
 
 
 def classes(work, factor=4, zoom=6, gap=12):
-    """One coarse level of a class map: ours, GDAL's, and where that has not the class that covers most of a pixel."""
+    """One coarse level of a class map: Spinney's, GDAL's, and the pixels where GDAL's class does
+    not have the highest cell count.
+    """
     source, tree, cog, ours = FIXTURES / "island_classes.tif", work / "c.goblin", work / "c.tif", work / "ours.tif"
     spinney("build", source, "-o", tree)
     depth = 8
@@ -67,7 +70,7 @@ def classes(work, factor=4, zoom=6, gap=12):
     ours, theirs = (numpy.array(Image.open(path)) for path in (ours, theirs))
     assert ours.shape == theirs.shape == (height, width)
     blocks = cells.reshape(height, factor, width, factor).swapaxes(1, 2).reshape(height, width, -1)
-    # Class 0 is nodata, and counts nowhere.
+    # Class 0 is nodata, and is not counted.
     counts = numpy.stack([(blocks == value).sum(2) for value in range(1, 8)])
     most, held = counts.max(0), lambda values: numpy.take_along_axis(counts, numpy.maximum(values, 1)[None].astype(int) - 1, 0)[0]
     mixed = (counts > 0).sum(0) > 1
@@ -122,7 +125,7 @@ def ball(path, radius, around=120, along=60):
 def rod(path, radius, half, axis, around=120):
     turns = [2 * math.pi * step / around for step in range(around)]
     points = [(radius * math.cos(turn), radius * math.sin(turn), end) for end in (-half, half) for turn in turns]
-    # The axes are turned in a circle, so that faces stay counterclockwise.
+    # The axes are permuted cyclically, so that faces stay counterclockwise.
     points = [tuple(point[(place - axis - 1) % 3] for place in range(3)) for point in points]
     faces = [tuple(range(around - 1, -1, -1)), tuple(range(around, 2 * around))]
     for step in range(around):
@@ -132,13 +135,13 @@ def rod(path, radius, half, axis, around=120):
 
 
 def boolean(work):
-    """A cube that a ball rounds and three rods drill, by exact set operations on surfaces."""
+    """Intersection of a cube and a ball, minus three rods, by exact set operations on surfaces."""
     cube(work / "cube.off", 1.0)
     ball(work / "ball.off", 1.36)
     for axis in range(3):
         rod(work / f"rod{axis}.off", 0.55, 1.5, axis)
     names = ["cube", "ball", "rod0", "rod1", "rod2"]
-    # Rods' sides are not flat when their corners are on the grid: triangles take their place.
+    # Snapping vertices to the grid makes the rods' sides non-planar: they are built as triangles.
     for name in names:
         spinney("build", work / f"{name}.off", "-o", work / f"{name}.goblin", "--brep", "--snap", 2.0**-20)
     files = {name: work / f"{name}.goblin" for name in [*names, "round", "part"]}

@@ -54,6 +54,6 @@ mod tests {
         listed.sort_unstable();
         assert_eq!(listed, all);
         let help = program().render_help().to_string();
-        assert!(help.contains("show") && help.contains("Look at a file in the terminal"), "{help}");
+        assert!(help.contains("show") && help.contains("Show a file in the terminal"), "{help}");
     }
 }

@@ -1,4 +1,4 @@
-// The page in headless Chromium: what it shows and answers is what the program tells.
+// Tests of the page in headless Chromium. Its results are compared with those of the program.
 
 import assert from "node:assert/strict";
 import { execFileSync, spawn } from "node:child_process";
@@ -17,7 +17,7 @@ const at = (name) => join(folder, name);
 const fixture = (name) => join(root, "fixtures", name);
 const spinney = (...list) => execFileSync(program, list, { encoding: "utf8", stdio: ["ignore", "pipe", "pipe"] });
 
-/** The middle of the picture beside the panel, and what else is looked at. */
+/** Viewport sizes in CSS pixels. */
 const DESKTOP = { width: 1200, height: 800 };
 const PHONE = { width: 390, height: 844 };
 
@@ -45,17 +45,20 @@ after(async () => {
   rmSync(folder, { recursive: true, force: true });
 });
 
-/** A page of the browser, for machines that have other work, too. */
+/** Opens a browser page. Its timeout of 60 s allows for busy machines. */
 async function newPage(options = { viewport: DESKTOP }) {
   const page = await browser.newPage(options);
   page.setDefaultTimeout(60_000);
   return page;
 }
 
-/** Waits until a page that was opened is ready. */
+/** Waits until an opened page is ready. */
 const ready = (page) => page.waitForSelector("html[data-ready]");
 
-/** Opens a page from a host of its own, or from the disk; afterwards there was no error, and nobody else was asked for anything. */
+/**
+ * Opens a page from its own host, or a single file from the disk, and runs `work`. Fails if there
+ * was an error, or a request to another host.
+ */
 async function visit(place, work, { viewport = DESKTOP, hash = "", scheme = "light", ...host } = {}) {
   const server = place.endsWith(".html") ? undefined : await serve(at(place), host);
   const own = server?.url ?? pathToFileURL(at(place)).href;
@@ -79,7 +82,7 @@ async function visit(place, work, { viewport = DESKTOP, hash = "", scheme = "lig
   }
 }
 
-/** The colour of a pixel of the page. */
+/** Returns the colour of a pixel of the page: red, green, blue. */
 async function pixel(page, x, y) {
   const shot = await page.screenshot({ clip: { x, y, width: 1, height: 1 } });
   return page.evaluate(async (base64) => {
@@ -91,7 +94,7 @@ async function pixel(page, x, y) {
   }, shot.toString("base64"));
 }
 
-/** Waits until something is so; a page draws when it can. */
+/** Polls `look` every 100 ms, since pages draw asynchronously. Fails after 600 polls. */
 async function eventually(look, message) {
   for (let time = 0; time < 600; time += 1) {
     if (await look()) return;
@@ -100,19 +103,19 @@ async function eventually(look, message) {
   assert.fail(message);
 }
 
-/** Rows of the table that answers. */
+/** Returns the rows of the result table as an object. */
 const answer = (page) =>
   page.evaluate(() => Object.fromEntries([...document.querySelectorAll("#answer tr")].map((row) => [...row.cells].map((cell) => cell.textContent))));
 
-/** What the panel says of a position, a section or a polygon. */
+/** Returns the panel's result for a position, section or polygon. */
 const panelText = (page) => page.locator("#answer").textContent();
 
 const near = (one, other) => one.every((part, index) => Math.abs(part - other[index]) <= 2);
 
-/** A place of the island where one class lies all around. */
+/** Pixel of the desktop viewport in the interior of a large region of one class. */
 const SNOW = [650, 350];
 
-/** Waits for the map and asks it for a value. */
+/** Waits for the map, clicks it, and returns the heading and rows of the result. */
 async function click(page, [x, y]) {
   await eventually(async () => !near(await pixel(page, x, y), await pixel(page, 2, 400)), "the map appears");
   await page.mouse.click(x, y);
@@ -121,13 +124,13 @@ async function click(page, [x, y]) {
   return { heading, rows: await answer(page) };
 }
 
-/** The value that the program tells of a place in a heading: latitude, longitude. */
+/** Returns the program's value at the position in a heading (latitude, longitude). */
 function toldValue(file, heading) {
   const [latitude, longitude] = heading.split(",").map(parseFloat);
   return told(file, "lonlat", [longitude, latitude]);
 }
 
-/** The first sample that the program tells of a place; null where there is none. */
+/** Returns the program's first sample at a position, or null if there is none. */
 function told(file, coordinates, place) {
   const answer = JSON.parse(spinney("point", file, "--in", coordinates, "--json", "--", place.join(",")));
   return answer.layers[0].samples?.[0] ?? null;
@@ -231,10 +234,10 @@ test("styles and the file's own grid", () =>
     assert.ok(Math.abs(Number(Object.values(rows)[0].replaceAll(",", "")) - height) < 0.01);
   }));
 
-/** A field of the panel. */
+/** Locates a field of the panel by its label. */
 const field = (page, name) => page.locator(`label.field:has(> span:text-is("${name}"))`);
 
-/** Chooses from a list of the panel, and waits until the file is shown again. */
+/** Selects an item of a list in the panel, and waits until the file is shown again. */
 async function chooseAndShow(page, name, value) {
   const old = await field(page, name).elementHandle();
   await field(page, name).locator("select").selectOption(value);
@@ -244,7 +247,7 @@ async function chooseAndShow(page, name, value) {
 
 const settings = (page) => new URLSearchParams(new URL(page.url()).hash.slice(1));
 
-/** Whether the legend says that a class is shown. */
+/** Returns whether a class is shown according to the legend. */
 const isShown = async (page, name) =>
   (await page.locator("#legend button").filter({ hasText: new RegExp(`^${name}$`) }).getAttribute("aria-pressed")) === "true";
 
@@ -278,7 +281,7 @@ test("the file's own style stays in another grid, whatever style the page or the
     await field(page, "Style").locator("select").selectOption("default");
     await chooseAndShow(page, "Grid", "native");
     assert.equal(await style(), "default");
-    // (A link to it, too.)
+    // (The page's link keeps the style, too.)
     await page.goto("about:blank");
     await page.goBack();
     await ready(page);
@@ -379,7 +382,10 @@ test("on a phone the map is seen while a polygon is drawn", () =>
     await eventually(async () => (await height()) === open, "the panel is as it was");
   }, { viewport: PHONE }));
 
-/** Whether the view has other colours than its ground: on its edge (2 pixels inside, above the panel and its shadow), and anywhere. */
+/**
+ * Compares the view above the panel and its shadow with the background colour: `atEdge` is whether
+ * something is drawn 2 pixels inside the edge, `width` the share of columns with something drawn.
+ */
 async function drawnParts(page) {
   const { y } = await page.locator("#panel").boundingBox();
   const shot = await page.screenshot({ clip: { x: 0, y: 0, width: PHONE.width, height: Math.floor(y) - 16 } });
@@ -412,7 +418,7 @@ test("solids and models fit a phone, whether the panel is open or not", async ()
   for (const name of ["ball", "chapel"]) await visit(name, fits, { viewport: PHONE });
 });
 
-/** Cuts what is shown along an axis. */
+/** Waits until `middle` is drawn, and cuts the view by a section along x. */
 async function cut(page, middle) {
   await eventually(async () => !near(await pixel(page, ...middle), await pixel(page, 1190, 790)), "it is drawn");
   const before = await page.screenshot();
@@ -455,7 +461,8 @@ test("in a notebook the kernel reads, and a polygon comes back", async () => {
   const html = readFileSync(at("island.html"), "utf8").replace('"url":"island.goblin"', '"url":"parent:"').replace('"size":null', `"size":${size}`);
   copyFileSync(join(root, "python/spinney/show.js"), at("island/show.js"));
   writeFileSync(at("island/inline.html"), html);
-  // (A model as a notebook has it: what is sent goes to the kernel, which answers by a message with bytes.)
+  // (A notebook's widget model: `send` passes a range to the kernel, which returns a message with
+  // its bytes.)
   writeFileSync(at("island/notebook.html"), `<!doctype html><div id="cell"></div><script type="module">
     import widget from "./show.js";
     let heard;
@@ -499,7 +506,7 @@ test("a file that is damaged is told of", async () => {
   await server.close();
 });
 
-/** Runs the server of a directory. */
+/** Runs `spinney serve` on a directory while `work` uses its URL. */
 async function withServer(directory, work) {
   const child = spawn(program, ["serve", directory, "--port", "0"], { stdio: ["ignore", "pipe", "ignore"] });
   const ended = new Promise((done) => child.on("exit", done));
@@ -528,7 +535,7 @@ test("points are listed as what no page shows, and the page starts with what it 
     const options = await page.$$eval("#controls > label option", (all) => all.map(({ textContent, disabled }) => [textContent, disabled]));
     assert.deepEqual(options, [["a_points (points: not shown)", true], ["island", false]]);
     await page.close();
-    // (A link may name them.)
+    // (A link may name a file that the page does not show.)
     const linked = await newPage();
     await linked.goto(`${url}#file=a_points.goblin`);
     await ready(linked);
@@ -558,7 +565,7 @@ test("what cannot be opened is said in the page's terms, and what was shown stay
   await server.close();
 });
 
-/** Commands and options of the program. */
+/** Matches commands and options of the program. */
 const COMMAND = /`?\bspinney [a-z]|(^|[\s(`])--[a-z]/;
 
 test("no advice of the engine reaches the page with a command or an option in it", async () => {
@@ -567,7 +574,7 @@ test("no advice of the engine reaches the page with a command or an option in it
   for (const crate of ["base", "brep", "container", "crs", "engine", "packing", "records", "render", "report", "style"]) {
     const sources = join(root, "crates", crate, "src");
     for (const name of readdirSync(sources, { recursive: true }).filter((name) => name.endsWith(".rs"))) {
-      // (Comments have no end of a string.)
+      // (Comments are removed: a quotation mark in one could be unpaired.)
       const code = readFileSync(join(sources, name), "utf8").replace(/^\s*\/\/.*$/gm, "");
       for (const [, literal] of code.matchAll(/"((?:[^"\\]|\\[^])*)"/g)) {
         if (!COMMAND.test(literal)) continue;

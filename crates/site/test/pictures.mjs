@@ -1,4 +1,5 @@
-// Pictures of the page for the documents: `SPINNEY_ROOT=. node pictures.mjs`, beside playwright-core (see ../test.sh).
+// Takes the documentation's screenshots of the page: `SPINNEY_ROOT=. node pictures.mjs`, copied to
+// a directory that playwright-core is installed in (see ../test.sh).
 
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, rmSync } from "node:fs";
@@ -24,7 +25,7 @@ async function take(name, work) {
   const page = await browser.newPage({ viewport: size });
   await page.goto(`${server.url}index.html`);
   await page.waitForSelector("html[data-ready]");
-  // (There is less room than on anybody's screen.)
+  // (The viewport is smaller than a screen: hide or shrink what does not fit.)
   await page.addStyleTag({ content: "#open { display: none } #panel { width: 250px; font-size: 12px; max-height: 96% } #answer { max-height: none } .classes button { min-height: 20px } footer { display: none !important }" });
   await page.waitForTimeout(1000);
   await work(page);

@@ -1,4 +1,5 @@
-// A static host for tests: files of a folder with ranges, as any host of files gives them, and the faults of some hosts.
+// A static file host for tests: serves a directory with range requests, as most hosts do. Options
+// simulate hosts without ranges and slow connections.
 
 import { closeSync, openSync, readFileSync, readSync, readdirSync, statSync } from "node:fs";
 import { createServer } from "node:http";
@@ -7,7 +8,7 @@ import { gzipSync } from "node:zlib";
 
 const TYPES = { ".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".wasm": "application/wasm", ".txt": "text/plain" };
 
-/** A part of a file. */
+/** Bytes `start` to `end` (inclusive) of a file. */
 function part(file, start, end) {
   const bytes = Buffer.alloc(end - start + 1);
   const handle = openSync(file, "r");
@@ -17,15 +18,16 @@ function part(file, start, end) {
 }
 
 /**
- * Serves a folder; `hasRanges` says whether ranges are answered, `delay` how many milliseconds each answer takes, `bytesPerSecond` how fast all of them come
- * together, and `packs` whether texts and modules are compressed.
+ * Serves a directory. `hasRanges`: range requests are supported; `delay`: latency of each response
+ * in milliseconds; `bytesPerSecond`: total bandwidth of all responses; `packs`: file types in
+ * `TYPES` are compressed by gzip. Returns the `url`, the requests so far (`asked`) and `close`.
  */
 export async function serve(folder, { hasRanges = true, delay = 0, bytesPerSecond = Infinity, packs = false } = {}) {
-  // (When the line is free.)
+  // (Time at which the simulated connection is free, as `performance.now()`.)
   let free = 0;
   const packed = new Map();
   const packOnce = (file) => packed.get(file) ?? packed.set(file, gzipSync(readFileSync(file))).get(file);
-  // (Hosts have packed files before somebody asks.)
+  // (Hosts compress files before they are requested.)
   const files = packs ? readdirSync(folder, { recursive: true }) : [];
   files.filter((name) => extname(name) in TYPES).forEach((name) => packOnce(join(folder, name)));
   const asked = [];
