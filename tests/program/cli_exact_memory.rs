@@ -5,8 +5,9 @@ use std::process::Command;
 
 use crate::common::command::{complaint, peak_memory, stdout};
 
-/// Allowance in bytes for the program, thread stacks and allocator overhead.
-const ALLOWANCE: u64 = 32 << 20;
+/// Allowance in bytes for the program, thread stacks and allocator overhead. (On a loaded machine
+/// 32 MiB was once too little by less than one.)
+const ALLOWANCE: u64 = 36 << 20;
 
 /// The sort buffers of an export, which has no memory option.
 const SORTS: u64 = 128 << 20;

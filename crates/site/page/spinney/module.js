@@ -1,5 +1,5 @@
 /**
- * The answer to a question: what it is, or what it lacks, or why there is none.
+ * The result of a query: its value, the ranges that it lacks, or an error.
  */
 export class Answer {
     static __wrap(ptr) {
@@ -36,8 +36,8 @@ export class Answer {
         return ret !== 0;
     }
     /**
-     * Ranges that the question lacks: three numbers each, of the file, the first byte and the one behind the last. If there are any, there is
-     * no answer yet.
+     * Ranges that the query lacks, three numbers each: file, first byte, exclusive end. If there
+     * are any, there is no result yet.
      * @returns {Float64Array}
      */
     get missing() {
@@ -52,7 +52,7 @@ export class Answer {
         return v1;
     }
     /**
-     * Takes one of the arrays of bytes that belong to the answer.
+     * Moves one of the result's byte arrays out.
      * @param {number} number
      * @returns {Uint8Array}
      */
@@ -68,7 +68,7 @@ export class Answer {
         return v1;
     }
     /**
-     * JSON: the answer, or the error.
+     * JSON: the value, or the error.
      * @returns {string}
      */
     get text() {
@@ -345,7 +345,7 @@ export function __wbg_reset_state () {
 }
 
 /**
- * Takes up a file whose bytes are all there; returns its number. The name is for messages.
+ * Adds a file whose bytes are complete; returns its number. The name is for messages.
  * @param {string} name
  * @param {Uint8Array | number[]} bytes
  * @returns {number}
@@ -369,7 +369,8 @@ export function addBytes(name, bytes) {
 }
 
 /**
- * Takes up a file of so many bytes, which come in ranges; returns its number. The name is for messages.
+ * Adds a file of `length` bytes, which are supplied in ranges; returns its number. The name is for
+ * messages.
  * @param {string} name
  * @param {number} length
  * @returns {number}
@@ -400,7 +401,7 @@ export function add_nadgrid(key, array) {
 }
 
 /**
- * Asks a question with what is there. Coordinates of many places stand beside it.
+ * Runs a query on the available bytes. The coordinates of many points are passed separately.
  * @param {string} question
  * @param {Float64Array | number[]} places
  * @returns {Answer}
@@ -433,7 +434,7 @@ export function close(opened) {
 }
 
 /**
- * The message of the panic that has ended the module.
+ * Returns the message of the panic that has ended the module.
  * @returns {string | undefined}
  */
 export function lastPanic() {
@@ -449,7 +450,7 @@ export function lastPanic() {
 }
 
 /**
- * Forgets a file. Trees of it that are open stay so.
+ * Removes a file. Its open trees stay open.
  * @param {number} file
  */
 export function removeFile(file) {
@@ -458,7 +459,7 @@ export function removeFile(file) {
 }
 
 /**
- * Changes how many bytes of files that come in ranges are held.
+ * Sets the size in bytes of the range cache.
  * @param {number} bytes
  */
 export function setCache(bytes) {
@@ -467,7 +468,8 @@ export function setCache(bytes) {
 }
 
 /**
- * Says what is to be done where code panics: the message is kept, for whoever calls the module, and which cannot be used any more.
+ * Installs the panic hook. It stores the message for the caller, who cannot use the module any
+ * more.
  */
 export function start() {
     __wbg_call_guard();
@@ -475,7 +477,7 @@ export function start() {
 }
 
 /**
- * Takes bytes of a file that were fetched, from an offset on.
+ * Supplies fetched bytes of a file, starting at an offset.
  * @param {number} file
  * @param {number} offset
  * @param {Uint8Array | number[]} bytes
