@@ -311,6 +311,7 @@ fn unpack_channel<T: Lane>(
 
 /// Writes the numbers of a level to the records, for each block from its start on, with `width`
 /// bytes from sample to sample. VOID nodes get zeros.
+#[inline(never)]
 fn put_level<T: Lane>(
     (group, level): (&Group, u8),
     (grid, other): (&Grid<T>, Option<&Grid<T>>),

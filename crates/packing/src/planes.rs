@@ -44,6 +44,8 @@ pub(crate) struct Scratch<T> {
     numbers: Vec<T>,
     /// Contexts of the nodes of a plane that are not VOID.
     contexts: Vec<u8>,
+    /// Contiguous ranges of the coded nodes of a plane.
+    ranges: Vec<(usize, usize)>,
     parents: Grid<T>,
     children: Grid<T>,
     /// Unused grids and planes of a writer.
@@ -154,17 +156,16 @@ pub(crate) struct GroupNumbers<'v, T> {
     pub(crate) void: Option<&'v VoidChildren>,
 }
 
-/// Calls `each` for the coded nodes of a plane, in their order, with the index and the length of
-/// each contiguous range.
-#[inline(always)]
-fn each_coded(shape: Shape, void: Option<(&[u8], usize)>, mut each: impl FnMut(usize, usize)) {
+/// Fills in the contiguous ranges of the coded nodes of a plane, in their order: start and length.
+/// `void` has the VOID children of each node, and the child of the plane.
+fn coded_ranges(shape: Shape, void: Option<(&[u8], usize)>, ranges: &mut Vec<(usize, usize)>) {
+    ranges.clear();
     match void {
-        None if shape.count == 1 => each(0, shape.nodes()),
+        None if shape.count == 1 => ranges.push((0, shape.nodes())),
         None => {
             for row in (0..shape.nodes()).step_by(shape.width()) {
-                for block in 0..shape.count {
-                    each(row + block * (shape.side + 2), shape.side);
-                }
+                let blocks = (0..shape.count).map(|block| (row + block * (shape.side + 2), shape.side));
+                ranges.extend(blocks);
             }
         }
         Some((void, child)) => {
@@ -172,7 +173,7 @@ fn each_coded(shape: Shape, void: Option<(&[u8], usize)>, mut each: impl FnMut(u
             let mut at = 0;
             for run in void.chunk_by(|one, other| is_void(one) == is_void(other)) {
                 if !is_void(&run[0]) {
-                    each(at, run.len());
+                    ranges.push((at, run.len()));
                 }
                 at += run.len();
             }
@@ -209,7 +210,7 @@ pub(crate) fn encode<T: Lane>(
     form: ChannelForm,
     groups: &[GroupNumbers<'_, T>],
 ) -> PendingChannel<T> {
-    let Scratch { level, planes: unused, .. } = scratch;
+    let Scratch { level, ranges, planes: unused, .. } = scratch;
     let predictor = fit(level, groups.iter().map(|group| &group.grids[..]), form.axes);
     write_predictor(header, form.axes, &predictor);
     let mut all = unused.pop().unwrap_or_default();
@@ -227,11 +228,12 @@ pub(crate) fn encode<T: Lane>(
             for (number, plane) in planes(form.axes).iter().enumerate() {
                 let flat = level.prepare((number, step), form, &predictor.weights, parents, void);
                 let (changes, expected) = (&level.changes[plane.child], &level.expected);
-                each_coded(parents.shape, void.map(|void| (void, plane.child)), |at, count| {
+                coded_ranges(parents.shape, void.map(|void| (void, plane.child)), ranges);
+                for &(at, count) in &*ranges {
                     let errors = changes[at..at + count].iter().zip(&expected[at..at + count]);
                     let errors = errors.map(|(change, expected)| change.minus(*expected).right(step).fold());
                     all.push(&level.contexts[at..at + count], errors);
-                });
+                }
                 all.end(flat);
                 level.finish(number);
             }
@@ -371,7 +373,7 @@ impl<T: Lane> Scratch<T> {
         (step, void): (u32, Option<&[u8]>),
         parents: &Grid<T>,
     ) {
-        let Scratch { level, entries, tokens, numbers, contexts, .. } = self;
+        let Scratch { level, entries, tokens, numbers, contexts, ranges, .. } = self;
         let Ok(entries) = <&[Entry; MAX_CONTEXTS * STATES]>::try_from(&entries[..]) else { return };
         level.begin(predictor.fraction, parents);
         let shape = parents.shape;
@@ -380,14 +382,14 @@ impl<T: Lane> Scratch<T> {
         numbers.resize(nodes.max(numbers.len()), T::default());
         for (number, plane) in planes(form.axes).iter().enumerate() {
             let flat = level.prepare((number, step), form, &predictor.weights, parents, void);
-            let void = void.map(|void| (void, plane.child));
+            coded_ranges(shape, void.map(|void| (void, plane.child)), ranges);
             let coded = if void.is_none() && shape.count == 1 {
                 &level.contexts[..nodes]
             } else {
                 contexts.clear();
-                each_coded(shape, void, |at, count| {
+                for &(at, count) in &*ranges {
                     contexts.extend_from_slice(&level.contexts[at..at + count]);
-                });
+                }
                 &contexts[..]
             };
             let count = coded.len();
@@ -398,11 +400,11 @@ impl<T: Lane> Scratch<T> {
                 changes.fill(T::default());
             }
             let mut rest = &numbers[..count];
-            each_coded(shape, void, |at, count| {
+            for &(at, count) in &*ranges {
                 let (own, others) = rest.split_at(count);
                 rest = others;
                 correct((&expected[at..at + count], own, step), &mut changes[at..at + count]);
-            });
+            }
             level.finish(number);
         }
     }
@@ -410,7 +412,7 @@ impl<T: Lane> Scratch<T> {
 
 /// Computes differences from parents by expected differences and folded residuals in units of
 /// `2^step`.
-#[inline]
+#[inline(never)]
 fn correct<T: Lane>((expected, errors, step): (&[T], &[T], u32), changes: &mut [T]) {
     for ((change, error), expected) in changes.iter_mut().zip(errors).zip(expected) {
         *change = expected.plus(error.unfold().left(step));

@@ -282,14 +282,14 @@ fn add<T: Lane>(sums: &mut [T], numbers: &[T]) {
     }
 }
 
-#[inline]
+#[inline(never)]
 fn join<T: Lane>(parents: &[T], (first, second): (&[T], &[T]), to: &mut [T]) {
     for (((to, first), second), parent) in to.chunks_exact_mut(2).zip(first).zip(second).zip(parents) {
         (to[0], to[1]) = (first.plus(*parent), second.plus(*parent));
     }
 }
 
-#[inline]
+#[inline(never)]
 fn part<T: Lane>(parents: &[T], from: &[T], (first, second): (&mut [T], &mut [T])) {
     for (((from, first), second), parent) in from.chunks_exact(2).zip(first).zip(second).zip(parents) {
         (*first, *second) = (from[0].minus(*parent), from[1].minus(*parent));
