@@ -5,7 +5,7 @@ mod outages;
 mod secrets;
 mod server;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -298,21 +298,43 @@ fn requests_of(arguments: &[&str]) -> Option<[u64; 2]> {
     Some([requests.unwrap(), bytes.unwrap()])
 }
 
-#[test]
-fn options_of_remote_files_have_effects() {
-    let server = server();
-    let folder = tempfile::tempdir().unwrap();
-    let [picture, tree] = ["noise.pgm", "noise.goblin"].map(|name| folder.path().join(name));
+/// Writes a raster of 1024 x 1024 random cells below `count`, and builds a tree of it. Returns the
+/// tree's path, or `None` without the program.
+fn noise_tree(folder: &Path, count: u64, options: &[&str]) -> Option<PathBuf> {
+    let [raster, tree] = ["noise.pgm", "noise.goblin"].map(|name| folder.join(name));
     let mut state = 1u64;
     let mut noise = b"P5 1024 1024 255\n".to_vec();
     noise.extend((0..1 << 20).map(|_| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as u8
+        ((state >> 40 & 255) % count) as u8
     }));
-    std::fs::write(&picture, noise).unwrap();
-    let words = ["build", "-q", picture.to_str().unwrap(), "-o", tree.to_str().unwrap()];
-    let Some(built) = program(&words) else { return };
+    std::fs::write(&raster, noise).unwrap();
+    let words = ["build", "-q", raster.to_str().unwrap(), "-o", tree.to_str().unwrap()];
+    let built = program(&[&words, options].concat())?;
     assert!(built.status.success());
+    Some(tree)
+}
+
+/// The number for VOID cells follows from the bounds of the values, without a search for classes.
+#[test]
+fn windows_of_class_maps_read_few_segments() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(tree) = noise_tree(folder.path(), 4, &["--kind", "categorical"]) else { return };
+    let bytes = std::fs::read(&tree).unwrap();
+    let size = bytes.len() as u64;
+    let url = server.put("classes/noise.goblin", bytes);
+    let out = folder.path().join("window.npy");
+    let window = ["get", &url, out.to_str().unwrap(), "--window", "10,10,64,64"];
+    let [requests, read] = requests_of(&window).unwrap();
+    assert!(requests <= 5 && read < size / 4, "{requests} requests, {read} of {size} bytes");
+}
+
+#[test]
+fn options_of_remote_files_have_effects() {
+    let server = server();
+    let folder = tempfile::tempdir().unwrap();
+    let Some(tree) = noise_tree(folder.path(), 256, &[]) else { return };
     let url = server.put("options/noise.goblin", std::fs::read(&tree).unwrap());
     let far_apart = ["point", "--in", "cells", &url, "1,1", "900,100"];
     let [few, more] =

@@ -102,7 +102,8 @@ fn is_encoded_by_value(layers: &[Dataset]) -> bool {
 /// - 0 in trees of [`Rule::Occupancy`], where it means empty, and in trees with opacity;
 /// - otherwise the tree's own nodata number, if no value can be equal to it;
 /// - otherwise NaN for floating-point samples;
-/// - otherwise the minimum or maximum of the type, if it is below or above all values;
+/// - otherwise the minimum or maximum of the type, if it is below or above all values, or the
+///   number of no class;
 /// - `None` if none of these is free.
 ///
 /// The result depends on the layer only, and so is the same for every window and level.
@@ -145,33 +146,46 @@ pub(crate) fn decide(layers: &[Dataset], asked: Option<Number>, convolved: bool)
     if sample.is_float() {
         candidates.push(Number::NAN);
     }
-    candidates.extend([f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into())));
+    let ends = [f64::NEG_INFINITY, f64::INFINITY].map(|end| sample.nearest(end.into()));
     // NaN is never a value. This saves the bounds, which take a pass over some views.
-    if candidates[0].is_nan() {
+    if candidates.first().is_some_and(|first| first.is_nan()) {
         return Ok(Some(Number::NAN));
     }
     let mut bounds = Vec::new();
     for layer in layers {
         bounds.push(layer.outer_bounds(convolved)?);
     }
-    let is_free = |number: Number| -> Result<bool> {
-        for (layer, bounds) in layers.iter().zip(&bounds) {
-            let is_free = number.is_nan()
-                // A sample equal to the number is missing by definition.
-                || is_missing(layer, number)
-                || bounds.iter().all(|bounds| is_outside(sample, number, *bounds))
-                    && !(layer.header().rule == Rule::Occupancy && number == Number::default())
-                || is_unused_class(layer, number)?;
-            if !is_free {
+    let is_free_in = |at: usize, number: Number| {
+        let layer = &layers[at];
+        number.is_nan()
+            // A sample equal to the number is missing by definition.
+            || is_missing(layer, number)
+            || bounds[at].iter().all(|bounds| is_outside(sample, number, *bounds))
+                && !(layer.header().rule == Rule::Occupancy && number == Number::default())
+    };
+    let is_free_by_bounds = |number: &Number| (0..layers.len()).all(|at| is_free_in(at, *number));
+    let is_free = |number: &Number| -> Result<bool> {
+        for (at, layer) in layers.iter().enumerate() {
+            if !is_free_in(at, *number) && !is_unused_class(layer, *number)? {
                 return Ok(false);
             }
         }
         Ok(true)
     };
-    let first_free = |candidates: &[Number]| -> Result<Option<Number>> {
-        for number in candidates {
-            if is_free(*number)? {
+    // A search for a class reads nodes, of remote files possibly all. So the ends of the type are
+    // compared with the bounds before either is searched for.
+    let first_free = |given: &[Number]| -> Result<Option<Number>> {
+        for number in given {
+            if is_free(number)? {
                 return Ok(Some(*number));
+            }
+        }
+        if let Some(end) = ends.iter().find(|end| is_free_by_bounds(end)) {
+            return Ok(Some(*end));
+        }
+        for end in &ends {
+            if is_free(end)? {
+                return Ok(Some(*end));
             }
         }
         Ok(None)
