@@ -5,10 +5,10 @@ import json
 import sys
 from pathlib import Path
 
+from peers.common import FIELDS
+
 HERE = Path(__file__).resolve().parent
 DATA, PAGE = HERE / "results.json", HERE / "RESULTS.md"
-# Fields of a row; those without a value are not stored.
-FIELDS = ["area", "job", "peer", "peer_figure", "ours", "ratio", "unit", "command", "machine", "date", "commit", "note"]
 # Rows of an area: all with a ratio above 1, the next NEXT_ROWS, and at least MIN_ROWS.
 MIN_ROWS, NEXT_ROWS = 4, 2
 

@@ -14,6 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT.parent / "shared" / "data" / "raster" / "large"
 WORK = ROOT / "benches" / "peers" / "work"
 RESULTS = ROOT / "benches" / "results.json"
+# Fields of a row of results; those without a value are not stored.
 FIELDS = ["area", "job", "peer", "peer_figure", "ours", "ratio", "unit", "command", "machine", "date", "commit", "note"]
 SPINNEY = Path(os.environ.get("SPINNEY", ROOT / "target" / "release" / "spinney"))
 SHORELINE = DATA / "shoreline_43200x21600_u8.tif"

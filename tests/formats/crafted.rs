@@ -119,7 +119,7 @@ pub(super) fn encoded(document: impl Serialize) -> Vec<u8> {
     bincode::serde::encode_to_vec(document, bincode::config::standard()).unwrap()
 }
 
-/// What a crafted file claims about its tree, except for the records.
+/// Claims of a crafted file about its tree, except for the records.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Claims {
     pub(super) depth: u8,

@@ -21,7 +21,7 @@ use crate::common::{
 use crate::targets::seal;
 use crate::targets::trees::ask_goblin;
 
-/// What cells contain: uncorrelated values, with single cells VOID or with blocks of 4 cells along
+/// Contents of cells: uncorrelated values, with single cells VOID or with blocks of 4 cells along
 /// each axis VOID.
 #[derive(Clone, Copy, Debug)]
 enum Content {

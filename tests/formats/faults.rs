@@ -19,7 +19,7 @@ use spinney::{
 
 use crate::common::{Cells, OCT, QUAD, Random, options, value, write_cells};
 
-/// What happens to the write or sync that fails.
+/// Kind of failure of a write or sync.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Failure {
     Error(io::ErrorKind),

@@ -55,7 +55,7 @@ fn comes_back(folder: &Path, map: &Dataset, level: u8) {
     comes_back_by(folder, map, level, true);
 }
 
-/// The same for regions connected by edges, or also across corners.
+/// Round trip of regions connected by edges, or also across corners.
 fn comes_back_by(folder: &Path, map: &Dataset, level: u8, across_corners: bool) {
     let (path, again) = (folder.join("regions.geojson"), folder.join("again.goblin"));
     let mut request = PolygonRequest::new();

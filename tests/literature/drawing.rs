@@ -9,7 +9,7 @@ use crate::common::{OCT, byte, made, write_goblin};
 
 /// The solid with a hole of the paper's figure 26.
 const HOLE: &str = "unit(mm); difference(block(0,0,0, 8,8,4), block(2,3,-1, 6,5,5))";
-/// The same without the hole.
+/// [`HOLE`] without the hole.
 const BLOCK: &str = "unit(mm); block(0,0,0, 8,8,4)";
 /// The concave solid of figure 27.
 const CONCAVE: &str = "unit(mm); sweep([[0,0],[8,0],[8,3],[3,3],[3,5],[6,5],[6,8],[0,8]], 0,0,4)";

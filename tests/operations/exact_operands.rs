@@ -1,4 +1,4 @@
-//! What set operations on exact models keep of their operands, and the errors for incompatible
+//! Properties that set operations on exact models keep, and the errors for incompatible
 //! operands.
 
 use std::path::Path;

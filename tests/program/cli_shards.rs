@@ -69,7 +69,7 @@ impl Place {
         self.compare_with(["build", "plan"], &[inputs, options].concat(), shards);
     }
 
-    /// The same for a command and its planning command.
+    /// Compares a command with its planning command.
     pub(crate) fn compare_with(&self, [command, plan]: [&str; 2], words: &[&str], shards: &[u32]) {
         let (whole, merged) = (self.name("whole.goblin"), self.name("merged.goblin"));
         spinney(&[&["-q", command, "-o", &whole], words].concat()).success();

@@ -154,7 +154,7 @@ pub enum Error {
     Moved {
         /// The path at which it was opened.
         path: PathBuf,
-        /// What happened to the file: "was removed", "was replaced by another file".
+        /// Predicate of the message: "was removed", "was replaced by another file".
         what: &'static str,
         /// Present path of the edited file, if it has one and that is known.
         file: Option<PathBuf>,

@@ -93,7 +93,7 @@ impl RecordLayout {
 
     /// Number of record slots that a dense block occupies after its own record.
     #[inline]
-    pub const fn dense_places(&self, kind: DenseKind, levels: u8) -> usize {
+    pub const fn dense_slots(&self, kind: DenseKind, levels: u8) -> usize {
         let mask = if kind.has_mask() { self.dimension.cells(levels) as usize / 8 } else { 0 };
         (self.dense_nodes(levels) * self.width + mask).div_ceil(self.size)
     }
@@ -106,7 +106,7 @@ impl RecordLayout {
         // different numbers of levels have different lengths, since each further level has four (or
         // eight) times as many values.
         let levels = dense_levels(self.dimension)
-            .find(|levels| self.dense_places(kind, *levels) + 1 == head.skip as usize)?;
+            .find(|levels| self.dense_slots(kind, *levels) + 1 == head.skip as usize)?;
         Some((kind, levels))
     }
 

@@ -29,7 +29,7 @@ enum Mark {
     Within(&'static str),
 }
 
-/// What Spinney does with files of a format.
+/// Use of files of a format in Spinney.
 #[derive(Debug)]
 enum Role {
     /// Input of `spinney build`.

@@ -40,8 +40,8 @@ impl Adaptive {
         // the distance to either bound. So neither bit's range is ever empty, and both fit into 16
         // bits.
         let step = STEPS[usize::from(self.seen) & MAX_SEEN as usize];
-        let room = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
-        let change = ((room * step) >> 16) as u16;
+        let gap = if bit { u32::from(u16::MAX - LEAST - self.set) } else { u32::from(self.set - LEAST) };
+        let change = ((gap * step) >> 16) as u16;
         self.set = if bit { self.set + change } else { self.set - change };
         self.seen += u16::from(self.seen < MAX_SEEN);
     }
@@ -91,8 +91,8 @@ static GOALS: [[i16; SYMBOLS]; SYMBOLS] = {
         let mut at = 0;
         while at < SYMBOLS {
             let before = at as i16 * MIN_SYMBOL;
-            let behind = (1 << SYMBOL_BITS) - (SYMBOLS - at) as i32 * MIN_SYMBOL as i32;
-            goals[symbol][at] = if at <= symbol { before } else { behind as i16 };
+            let after = (1 << SYMBOL_BITS) - (SYMBOLS - at) as i32 * MIN_SYMBOL as i32;
+            goals[symbol][at] = if at <= symbol { before } else { after as i16 };
             at += 1;
         }
         symbol += 1;

@@ -3,7 +3,7 @@
 //!
 //! Two states let a processor look up a symbol for one while it still computes the other.
 //!
-//! The same functions write and read ([`BitCoder`]), so the two directions cannot diverge.
+//! One set of functions writes and reads ([`BitCoder`]), so the two directions cannot diverge.
 //! Invariant of all these functions: control flow and contexts depend only on what has been coded
 //! before, never on what is to be written.
 

@@ -3,7 +3,7 @@
 
 use spinney_base::TreeType;
 use spinney_base::value::{Rule, SampleType};
-use spinney_container::{RecordLayout, VOID};
+use spinney_container::RecordLayout;
 
 use crate::grids::Grid;
 use crate::groups::Group;
@@ -13,7 +13,6 @@ use crate::plain::write_dense_head;
 use crate::planes::{ChannelForm, GroupNumbers, GroupShape, Pending, Scratch, decode, encode};
 use crate::samples::{Numbering, is_narrow, read_float};
 use crate::symbols::{HeaderReader, HeaderWriter, SymbolReader, SymbolWriter};
-use crate::void_nodes::VoidNodes;
 
 /// Returns the channels in coding order, and for each the channel that it is coded as the
 /// difference from.
@@ -59,12 +58,6 @@ impl NumberBlock {
         bytes[layout.dense_mask_at(self.dense.levels)..][..self.mask.len()].copy_from_slice(&self.mask);
     }
 
-    /// Returns the VOID nodes, if there may be any.
-    fn void(&self, layout: &RecordLayout) -> Option<VoidNodes> {
-        (self.dense.kind.states().1 == Some(VOID))
-            .then(|| VoidNodes::new(layout, self.dense.levels, &self.mask))
-    }
-
     /// Returns the records from the values of a level on.
     fn values<'r>(&self, layout: &RecordLayout, level: u8, records: &'r [u8]) -> &'r [u8] {
         &records[self.start + layout.dense_values_at(level)..]
@@ -72,21 +65,27 @@ impl NumberBlock {
 }
 
 /// Copies the values of dense blocks between records. VOID nodes get zeros.
-pub(crate) fn copy_values(form: TreeType, blocks: &[NumberBlock], from: &[u8], to: &mut [u8]) {
+pub(crate) fn copy_values(
+    form: TreeType,
+    (blocks, groups): (&[NumberBlock], &[Group]),
+    from: &[u8],
+    to: &mut [u8],
+) {
     let layout = RecordLayout::new(form);
-    for block in blocks {
-        let void = block.void(&layout);
-        for level in 1..=block.dense.levels {
-            let start = block.start + layout.dense_values_at(level);
-            let values = start..start + layout.dimension.cells(level) as usize * layout.width;
-            let to = &mut to[values.clone()];
-            to.copy_from_slice(&from[values]);
-            if let Some(void) = &void {
-                let values = to.chunks_exact_mut(layout.width).zip(&void.nodes[usize::from(level)]);
-                values.filter(|(_, void)| **void).for_each(|(value, _)| value.fill(0));
+    for group in groups {
+        for (at, block) in group.blocks.iter().map(|block| &blocks[*block]).enumerate() {
+            for level in 1..=group.levels {
+                let start = block.start + layout.dense_values_at(level);
+                let values = start..start + layout.dimension.cells(level) as usize * layout.width;
+                let to = &mut to[values.clone()];
+                to.copy_from_slice(&from[values]);
+                if let Some(void) = group.void(at, level) {
+                    let values = to.chunks_exact_mut(layout.width).zip(void);
+                    values.filter(|(_, void)| **void).for_each(|(value, _)| value.fill(0));
+                }
             }
+            write_dense_head(&layout, block.dense, &mut to[block.start..]);
         }
-        write_dense_head(&layout, block.dense, &mut to[block.start..]);
     }
 }
 
@@ -116,21 +115,20 @@ impl BlockForm {
 pub(crate) fn pack_blocks(
     form: TreeType,
     rule: Rule,
-    blocks: &[NumberBlock],
+    (blocks, groups): (&[NumberBlock], &[Group]),
     records: &[u8],
 ) -> (Vec<u8>, Vec<u8>) {
     let common = BlockForm::new(form, rule);
-    let groups = Group::all(&common.layout, blocks);
     let (mut header, mut writer) = (HeaderWriter::default(), SymbolWriter::default());
     let mut channels: Vec<Box<dyn Pending>> = Vec::new();
     for &(channel, like) in channel_order(form) {
-        let numbering = choose_numbering(&common, channel, (blocks, records), &groups);
+        let numbering = choose_numbering(&common, channel, (blocks, records), groups);
         numbering.write(&mut header);
         let sink = (&mut header, &mut writer);
         channels.push(match numbering.lanes {
-            16 => pack_channel::<i16>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
-            32 => pack_channel::<i32>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
-            _ => pack_channel::<i64>(sink, &common, numbering, (channel, like), (blocks, &groups, records)),
+            16 => pack_channel::<i16>(sink, &common, numbering, (channel, like), (blocks, groups, records)),
+            32 => pack_channel::<i32>(sink, &common, numbering, (channel, like), (blocks, groups, records)),
+            _ => pack_channel::<i64>(sink, &common, numbering, (channel, like), (blocks, groups, records)),
         });
     }
     channels.into_iter().rev().for_each(|channel| channel.states(&mut writer));

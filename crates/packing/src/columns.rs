@@ -157,8 +157,8 @@ mod tests {
         code(&mut columns, &mut read);
         assert!(columns.is_whole() && read == numbers);
         // Missing or trailing bytes are reported, and have no other effect.
-        for damaged in [&bytes[..bytes.len() - 4], &[&bytes[..], &[0; 4]].concat()] {
-            let mut columns = Columns::reader(damaged, 9, 3).unwrap();
+        for corrupt in [&bytes[..bytes.len() - 4], &[&bytes[..], &[0; 4]].concat()] {
+            let mut columns = Columns::reader(corrupt, 9, 3).unwrap();
             code(&mut columns, &mut read);
             assert!(!columns.is_whole());
         }

@@ -50,9 +50,9 @@ pub(crate) fn code_counts<K: BitCoder>(
         });
         found
     });
-    let is_told = coder.raw(u64::from(found.as_ref() != Some(&cells)), 1) == 1;
+    let is_stored = coder.raw(u64::from(found.as_ref() != Some(&cells)), 1) == 1;
     match found {
-        Some(found) if !is_told => cells = found,
+        Some(found) if !is_stored => cells = found,
         _ => cells.iter_mut().for_each(|cells| *cells = coder.number(*cells)),
     }
     let mut plain = Vec::new();

@@ -52,7 +52,7 @@ pub(crate) fn fit<'b, T: Lane>(
         above -= bits[wide];
         wide += 1;
     }
-    let fraction = T::ROOM.saturating_sub(wide as u32).clamp(MIN_FRACTION, MAX_FRACTION);
+    let fraction = T::DIFFERENCE_BITS.saturating_sub(wide as u32).clamp(MIN_FRACTION, MAX_FRACTION);
     let mut squares = vec![[[0; MAX_FEATURES + 1]; MAX_FEATURES + 1]; 1 << axes];
     let mut last = None;
     for (parents, children) in pairs() {

@@ -7,11 +7,11 @@ pub const LOG_BITS: u32 = 12;
 /// interpolated linearly between powers of two. The result is in units of 2^-[`LOG_BITS`].
 pub fn log2(number: u64) -> u64 {
     let whole = 63 - number.leading_zeros();
-    let behind = match whole.checked_sub(LOG_BITS) {
+    let fraction = match whole.checked_sub(LOG_BITS) {
         Some(shift) => number >> shift,
         None => number << (LOG_BITS - whole),
     };
-    (u64::from(whole) << LOG_BITS) + (behind & ((1 << LOG_BITS) - 1))
+    (u64::from(whole) << LOG_BITS) + (fraction & ((1 << LOG_BITS) - 1))
 }
 
 #[cfg(test)]

@@ -5,8 +5,13 @@ use crate::lanes::Lane;
 /// Shape of a level of equally large blocks, which are side by side along x. So rows are long even
 /// if blocks are small.
 ///
-/// Two columns separate neighbouring blocks: the border of each. Rows of nodes include these
-/// columns, with numbers that nothing depends on.
+/// Two columns separate neighbouring blocks: the border of each.
+///
+/// Invariant: nothing depends on the numbers of these columns in rows without a border, which may
+/// be left from earlier levels. Numbers of neighbours are read from [grids](Grid) alone, whose
+/// borders [`Grid::pad`] has filled. Loops over rows without a border combine equal x only. Coding
+/// and fitting skip the columns ([`Shape::blocks`]). Otherwise bytes would depend on the segments
+/// that a thread has coded before.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Shape {
     /// Nodes of a block along each axis.

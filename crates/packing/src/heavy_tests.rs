@@ -8,7 +8,7 @@ use spinney_base::value::{DataKind, Rule, ValueType};
 
 use crate::model::Model;
 use crate::segment::{SegmentForm, pack_by, unpack};
-use crate::tests::{Random, damaged, random_segment, segment, value_types};
+use crate::tests::{Random, corrupted, random_segment, segment, value_types};
 use crate::vectorized::baseline_only;
 
 /// Returns a form of any type, and a model that suits it.
@@ -35,13 +35,13 @@ fn segments_are_the_same_by_all_processors_ways() {
     let mut packed_count = 0;
     for seed in 0..100_000 {
         let (form, model) = random_form(&types, &mut random);
-        let (places, plain) = random_segment(form, 1 + random.below(6), seed);
-        let packed = pack_by(model, &form, places, &plain);
-        assert!(packed == baseline_only(|| pack_by(model, &form, places, &plain)), "{form:?} {seed}");
+        let (slots, plain) = random_segment(form, 1 + random.below(6), seed);
+        let packed = pack_by(model, &form, slots, &plain);
+        assert!(packed == baseline_only(|| pack_by(model, &form, slots, &plain)), "{form:?} {seed}");
         let Some(packed) = packed else { continue };
         packed_count += 1;
-        assert!(unpack(&form, places, 0, &packed).as_ref() == Ok(&plain), "{form:?} {seed}");
-        let simple = baseline_only(|| unpack(&form, places, 0, &packed));
+        assert!(unpack(&form, slots, 0, &packed).as_ref() == Ok(&plain), "{form:?} {seed}");
+        let simple = baseline_only(|| unpack(&form, slots, 0, &packed));
         assert!(simple.as_ref() == Ok(&plain), "{form:?} {seed}");
     }
     assert!(packed_count > 50_000, "{packed_count}");
@@ -49,16 +49,16 @@ fn segments_are_the_same_by_all_processors_ways() {
 
 #[test]
 #[ignore = "heavy: 1,000,000 corrupt segments"]
-fn damaged_segments_are_refused_or_the_same() {
+fn corrupt_segments_are_refused_or_the_same() {
     let (types, mut random) = (value_types().collect::<Vec<_>>(), Random(67));
     let mut tried = 0;
     for seed in 0.. {
         let (form, model) = random_form(&types, &mut random);
-        let (places, plain) = random_segment(form, 1 + random.below(6), seed);
-        let Some(packed) = pack_by(model, &form, places, &plain) else { continue };
+        let (slots, plain) = random_segment(form, 1 + random.below(6), seed);
+        let Some(packed) = pack_by(model, &form, slots, &plain) else { continue };
         for _ in 0..100 {
             // (Some bits have no effect.)
-            if let Ok(found) = unpack(&form, places, 0, &damaged(&packed, &mut random)) {
+            if let Ok(found) = unpack(&form, slots, 0, &corrupted(&packed, &mut random)) {
                 assert!(found == plain, "{form:?} {seed}");
             }
         }

@@ -12,7 +12,7 @@ pub(crate) trait Lane: Copy + Default + PartialEq + 'static {
     const BITS: u32;
     /// Bits available for a difference and its fraction, so that sums of several features still
     /// fit.
-    const ROOM: u32;
+    const DIFFERENCE_BITS: u32;
     fn from_i64(number: i64) -> Self;
     fn to_i64(self) -> i64;
     fn plus(self, other: Self) -> Self;
@@ -105,7 +105,7 @@ macro_rules! narrow_sizes {
 }
 
 macro_rules! lane {
-    ($signed:ty, $unsigned:ty, $room:literal, $sizes:ident!($($types:ty),*)) => {
+    ($signed:ty, $unsigned:ty, $difference_bits:literal, $sizes:ident!($($types:ty),*)) => {
         impl Lane for $signed {
             fn with_scratch<R>(call: impl FnOnce(&mut Scratch<$signed>) -> R) -> R {
                 thread_local! {
@@ -115,7 +115,7 @@ macro_rules! lane {
                 SCRATCH.with_borrow_mut(call)
             }
             const BITS: u32 = <$signed>::BITS;
-            const ROOM: u32 = $room;
+            const DIFFERENCE_BITS: u32 = $difference_bits;
             #[inline(always)]
             fn from_i64(number: i64) -> $signed {
                 number as $signed

@@ -15,7 +15,7 @@ use crate::nodes::{
     BEYOND, FIRST_VALUE, MIXED, NOTHING, NewValues, NodeContexts, NodeForm, Nodes, ROOT, code_nodes,
 };
 use crate::plain::{Parsed, Rows, Writer, parse};
-use crate::segment::Damage;
+use crate::segment::Corruption;
 use crate::values::{NumberValues, Numbers, TableValues, bytes, numbers, order};
 
 /// Model of the values of nodes.
@@ -46,13 +46,13 @@ impl Model {
     ///
     /// # Errors
     /// If there is no such model, or it does not support the values.
-    pub(crate) fn from_number(number: u8, value: ValueType) -> Result<Model, Damage> {
+    pub(crate) fn from_number(number: u8, value: ValueType) -> Result<Model, Corruption> {
         match number {
             0 => Ok(Model::Names),
-            1 | 3 => Err(Damage::OLDER),
+            1 | 3 => Err(Corruption::OLDER),
             2 if can_be_solid(value) => Ok(Model::Solid),
             4 => Ok(Model::Numbers),
-            _ => Err(Damage("no such model")),
+            _ => Err(Corruption("no such model")),
         }
     }
 
@@ -72,22 +72,22 @@ fn can_be_solid(value: ValueType) -> bool {
 }
 
 /// Parsed records to be written.
-pub(crate) struct Taken<'r> {
+pub(crate) struct ParsedRecords<'r> {
     records: &'r [u8],
     parsed: Parsed,
     /// Distinct values of the nodes. The nodes' symbols are indices of this list until
-    /// [`Taken::set_symbols`].
+    /// [`ParsedRecords::set_symbols`].
     values: Vec<Numbers>,
 }
 
-impl<'r> Taken<'r> {
+impl<'r> ParsedRecords<'r> {
     /// Parses records. Returns `None` if they are inconsistent.
     pub(crate) fn new(
         model: Model,
         layout: &RecordLayout,
         form: TreeType,
         records: &'r [u8],
-    ) -> Option<Taken<'r>> {
+    ) -> Option<ParsedRecords<'r>> {
         let mut parsed = parse(layout, records, model == Model::Numbers)?;
         let nodes = &mut parsed.nodes;
         let mut distinct = DistinctValues::default();
@@ -104,7 +104,7 @@ impl<'r> Taken<'r> {
             nodes.set_symbol(node, symbol);
         }
         let values = distinct.values.iter().map(|value| numbers(form, value)).collect();
-        Some(Taken { records, parsed, values })
+        Some(ParsedRecords { records, parsed, values })
     }
 
     /// Yields the distinct values of the nodes.
@@ -214,7 +214,7 @@ pub(crate) struct ModelCoder {
 /// Limits of a run: levels down to the cells, levels down to nodes that may be CUT, and bytes of
 /// its records.
 #[derive(Clone, Copy)]
-pub(crate) struct RunRoom {
+pub(crate) struct RunLimits {
     pub(crate) height: u8,
     pub(crate) reach: u8,
     pub(crate) length: usize,
@@ -284,17 +284,17 @@ impl ModelCoder {
     pub(crate) fn run<K: BitCoder>(
         &mut self,
         coder: &mut K,
-        room: RunRoom,
+        limits: RunLimits,
         (truth, root): (&Nodes, u32),
         blocks: &mut Vec<NumberBlock>,
     ) -> Option<Nodes> {
         let form = NodeForm {
-            height: room.height,
-            reach: room.reach,
+            height: limits.height,
+            reach: limits.reach,
             is_mixed: self.model == Model::Solid,
             dense_apart: self.model == Model::Numbers,
             // An INNER node has at least the values of its children, in a record or a dense block.
-            most: room.length / (self.layout.children() * self.layout.width),
+            most: limits.length / (self.layout.children() * self.layout.width),
         };
         let (axes, contexts) = (self.layout.dimension.axes(), &mut self.contexts);
         let mut nodes = match &mut self.values {
@@ -304,10 +304,10 @@ impl ModelCoder {
         self.learn();
         if self.model == Model::Solid {
             let leaves: Vec<u8> = self.known.iter().map(|value| value[0]).collect();
-            code_fullness(coder, &mut nodes, (axes, room.height), truth, &leaves, &mut self.fullness);
+            code_fullness(coder, &mut nodes, (axes, limits.height), truth, &leaves, &mut self.fullness);
         }
         if self.model == Model::Numbers {
-            self.code_masks(coder, room.length, &nodes, blocks)?;
+            self.code_masks(coder, limits.length, &nodes, blocks)?;
         }
         Some(nodes)
     }
@@ -322,7 +322,7 @@ impl ModelCoder {
     ) -> Option<()> {
         let mut rest = length;
         for (number, (node, dense)) in nodes.dense_blocks().iter().copied().enumerate() {
-            let size = dense.places(&self.layout) * self.layout.size;
+            let size = dense.slots(&self.layout) * self.layout.size;
             rest = rest.checked_sub(size)?;
             if K::READS {
                 blocks.push(NumberBlock::new(&self.layout, node, dense, None));

@@ -33,8 +33,8 @@ pub(crate) struct Dense {
 
 impl Dense {
     /// Record slots that the block takes, including its head.
-    pub(crate) fn places(self, layout: &RecordLayout) -> usize {
-        1 + layout.dense_places(self.kind, self.levels)
+    pub(crate) fn slots(self, layout: &RecordLayout) -> usize {
+        1 + layout.dense_slots(self.kind, self.levels)
     }
 }
 
@@ -79,11 +79,6 @@ impl Nodes {
         self.words.len() as u32
     }
 
-    fn reserve(&mut self, more: usize) {
-        self.words.reserve(more);
-        self.first.reserve(more);
-    }
-
     #[inline]
     pub(crate) fn state(&self, node: u32) -> u8 {
         self.words[node as usize] as u8 & 3
@@ -103,6 +98,16 @@ impl Nodes {
     #[inline]
     pub(crate) fn first(&self, node: u32) -> Option<u32> {
         Some(self.first[node as usize]).filter(|first| *first != NONE)
+    }
+
+    /// Returns a base and a mask: the child with an index is `base + (index & mask)`. A node
+    /// without known children represents all of them itself.
+    #[inline]
+    pub(crate) fn children(&self, node: u32) -> (u32, u32) {
+        match self.first[node as usize] {
+            NONE => (node, 0),
+            first => (first, u32::MAX),
+        }
     }
 
     pub(crate) fn set_first(&mut self, node: u32, first: u32) {
@@ -218,6 +223,71 @@ struct Pending {
     is_in_block: bool,
 }
 
+/// Neighbourhood of the children of an INNER node, as a grid.
+struct Neighbourhood<const G: usize> {
+    /// Words of the children and of their neighbours.
+    words: [u32; G],
+    /// Mask of the cells with INNER nodes, and of those with the symbol of the children's parent.
+    inner: u64,
+    alike: u64,
+    symbol: u32,
+}
+
+impl<const G: usize> Neighbourhood<G> {
+    /// Looks up the neighbours' children in `families`. Children of the node itself are unknown.
+    #[inline(always)]
+    fn new<const C: usize, const D: usize>(
+        around: &Around<C, D>,
+        families: &[[u32; C]],
+        near: &[u32; D],
+        symbol: u32,
+    ) -> Neighbourhood<G> {
+        let mut grid = Neighbourhood { words: [UNKNOWN << SYMBOL_AT; G], inner: 0, alike: 0, symbol };
+        for (near, (cells, count)) in near.iter().zip(&around.cells) {
+            let family = &families[*near as usize];
+            for (cell, child) in &cells[..*count] {
+                grid.set(*cell, family[usize::from(*child) % C]);
+            }
+        }
+        grid
+    }
+
+    /// Sets the word of a cell that was unknown.
+    #[inline(always)]
+    fn set(&mut self, cell: u8, word: u32) {
+        self.words[usize::from(cell) % G] = word;
+        self.inner |= u64::from(word & IS_INNER != 0) << cell;
+        self.alike |= u64::from(word >> SYMBOL_AT == self.symbol) << cell;
+    }
+
+    /// Returns the words of the neighbours of a child whose neighbourhood begins at a cell.
+    #[inline(always)]
+    fn around<'g>(&'g self, begin: usize, offsets: &'g [u8]) -> impl Iterator<Item = u32> + Clone + 'g {
+        offsets.iter().map(move |offset| self.words[(begin + usize::from(*offset)) % G])
+    }
+}
+
+/// Returns the neighbours of a node. `above` has those of its parent.
+#[inline(always)]
+fn neighbours_of<const C: usize, const D: usize>(
+    around: &Around<C, D>,
+    nodes: &Nodes,
+    above: &[[u32; D]],
+    pending: &Pending,
+) -> [u32; D] {
+    let Some(near_parent) = above.get(pending.parent as usize) else { return [OUTSIDE; D] };
+    // The children of the parent's neighbours, and last the parent's own: see `Nodes::children`.
+    let mut of_parent = [(OUTSIDE, 0); MAX_DIRECTIONS + 1];
+    for (children, near) in of_parent.iter_mut().zip(near_parent) {
+        *children = nodes.children(*near);
+    }
+    of_parent[usize::from(SIBLING)] = (pending.node - u32::from(pending.child), u32::MAX);
+    around.of_child[usize::from(pending.child)].map(|neighbour| {
+        let (base, mask) = of_parent[usize::from(neighbour.towards)];
+        base + (u32::from(neighbour.child) & mask)
+    })
+}
+
 /// Codes all nodes below a root with the symbol `root`. A writer takes them from `truth`; a reader
 /// ignores it. Returns `None` if there are too many nodes or levels, or if a value does not exist.
 ///
@@ -239,6 +309,8 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
     nodes.set_symbol(ROOT, root);
     // Words of the children of each node above the bottom, as neighbours see them. A node without
     // known children repeats its own word.
+    // Invariant: a node has a family only once all of its children are coded. So a reader finds the
+    // same families as the writer, and a neighbour that is coded later counts with its own word.
     let mut families: Vec<[u32; C]> = nodes.words.iter().map(|word| [*word; C]).collect();
     let mut true_dense = truth.dense.iter().peekable();
     // Neighbours of each INNER node of the level above.
@@ -257,35 +329,10 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
         let is_bottom = depth == form.height;
         let height = usize::from(form.height - depth).min(HEIGHTS - 1);
         let may_be_cut = depth == form.reach && !is_bottom;
-        let mut neighbours: Vec<[u32; D]> = Vec::with_capacity(if is_bottom { 0 } else { level.len() });
-        let mut next = Vec::with_capacity(neighbours.capacity());
-        nodes.reserve(C * level.len());
-        if !is_bottom {
-            families.reserve(C * level.len());
-        }
-        // Per direction, and for the last parent itself: the first child and a mask of all bits for
-        // the child's index, or a node without children and the mask 0.
-        let mut of_parent = [(OUTSIDE, 0); MAX_DIRECTIONS + 1];
-        let mut parent = u32::MAX;
+        let (mut neighbours, mut next) = (Vec::new(), Vec::new());
         for pending in &level {
-            let Pending { node, child, mut is_in_block, .. } = *pending;
-            let mut near = [OUTSIDE; D];
-            if node != ROOT {
-                if parent != pending.parent {
-                    parent = pending.parent;
-                    for (found, there) in of_parent.iter_mut().zip(&above[parent as usize]) {
-                        *found = match nodes.first[*there as usize] {
-                            NONE => (*there, 0),
-                            first => (first, u32::MAX),
-                        };
-                    }
-                    of_parent[usize::from(SIBLING)] = (node - u32::from(child), u32::MAX);
-                }
-                for (near, neighbour) in near.iter_mut().zip(&around.of_child[usize::from(child)]) {
-                    let (first, children) = of_parent[usize::from(neighbour.towards)];
-                    *near = first + (u32::from(neighbour.child) & children);
-                }
-            }
+            let Pending { node, mut is_in_block, .. } = *pending;
+            let near = neighbours_of(around, &nodes, &above, pending);
             if !is_in_block {
                 let dense = true_dense.next_if(|(begin, _)| *begin == node).map(|(_, dense)| *dense);
                 let of_height = &mut contexts.dense[64 * height..][..64];
@@ -297,30 +344,16 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
                     }
                 }
             }
-            // The neighbours' children if these are known, else the neighbours themselves.
-            // Invariant: a node has a family only once all of its children are coded. So a reader
-            // finds the same families as the writer. A neighbour that is coded later counts with
-            // its own word.
             let symbol = nodes.symbol(node);
             let first = nodes.words.len();
-            let mut grid = [UNKNOWN << SYMBOL_AT; G];
-            let (mut inner, mut alike) = (0, 0);
-            for (near, (cells, count)) in near.iter().zip(&around.cells) {
-                let family = &families[*near as usize];
-                for (cell, child) in &cells[..*count] {
-                    let word = family[usize::from(*child) % C];
-                    grid[usize::from(*cell) % G] = word;
-                    inner |= u64::from(word & IS_INNER != 0) << cell;
-                    alike |= u64::from(word >> SYMBOL_AT == symbol) << cell;
-                }
-            }
+            let mut grid = Neighbourhood::<G>::new(around, &families, &near, symbol);
             let mut children = [0; C];
             for (child, center) in around.centers.iter().enumerate() {
                 let begin = usize::from(*center) - to_center::<D>();
                 let truth_word = if K::READS { 0 } else { truth.words[first + child] };
                 let mut state = LEAF;
                 if !is_bottom {
-                    let context = (height * C + child) << 8 | pattern::<D>(inner >> begin);
+                    let context = (height * C + child) << 8 | pattern::<D>(grid.inner >> begin);
                     if coder.bit(&mut contexts.splits[context], truth_word & IS_INNER != 0) {
                         state = INNER;
                         if may_be_cut && coder.bit(&mut contexts.cuts[child], truth_word as u8 & 3 == CUT) {
@@ -330,23 +363,20 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
                 }
                 let mut found = MIXED;
                 if state == LEAF || !form.is_mixed {
-                    let place = Place { symbol, alike, child, begin, state, is_bottom };
-                    let around = (&grid, &around.offsets);
-                    found = code_value(coder, contexts, values, place, around, truth_word >> SYMBOL_AT)?;
+                    let (is_inner, alike) = (state >= INNER, grid.alike >> begin);
+                    let at = ChildContext { symbol, alike, child, begin, is_inner, is_bottom };
+                    let around = (&grid.words, &around.offsets);
+                    found = code_value(coder, contexts, values, at, around, truth_word >> SYMBOL_AT)?;
                     if found == NOTHING {
                         state = VOID;
                     }
                 } else if state == CUT {
                     let this = (first + child) as u32;
-                    let faces =
-                        around.offsets[..FACES].iter().map(|offset| grid[begin + usize::from(*offset)]);
+                    let faces = grid.around(begin, &around.offsets[..FACES]);
                     nodes.set_fullness(this, code_fullness(coder, contexts, faces, truth.fullness(this)));
                 }
-                let word = word(state, found);
-                children[child] = word;
-                grid[usize::from(*center) % G] = word;
-                inner |= u64::from(word & IS_INNER != 0) << center;
-                alike |= u64::from(found == symbol) << center;
+                children[child] = word(state, found);
+                grid.set(*center, children[child]);
                 if !is_bottom && state == INNER {
                     let (node, parent) = ((first + child) as u32, neighbours.len() as u32);
                     next.push(Pending { node, parent, child: child as u8, is_in_block });
@@ -366,16 +396,16 @@ pub(crate) fn code_nodes<K: BitCoder, const C: usize, const D: usize, const G: u
     Some(nodes)
 }
 
-/// Context of a value.
+/// Context of a child's value, apart from the words of its neighbours.
 #[derive(Clone, Copy)]
-struct Place {
-    /// Symbol of the parent, and a mask of the grid cells that have it too.
+struct ChildContext {
+    /// Symbol of the parent, and which cells have it too, from the first of the neighbourhood on.
     symbol: u32,
     alike: u64,
     /// Index among the parent's children, and the first grid cell of the neighbourhood.
     child: usize,
     begin: usize,
-    state: u8,
+    is_inner: bool,
     is_bottom: bool,
 }
 
@@ -386,38 +416,35 @@ fn code_value<K: BitCoder, const D: usize, const G: usize>(
     coder: &mut K,
     contexts: &mut NodeContexts,
     values: &mut impl NewValues,
-    place: Place,
-    (grid, offsets): (&[u32; G], &[u8; D]),
+    ChildContext { symbol, alike, child, begin, is_inner, is_bottom }: ChildContext,
+    (words, offsets): (&[u32; G], &[u8; D]),
     truth: u32,
 ) -> Option<u32> {
-    let is_inner = place.state >= INNER;
-    let kind = (usize::from(is_inner) * 2 + usize::from(place.is_bottom)) * CANDIDATES;
+    let kind = (usize::from(is_inner) * 2 + usize::from(is_bottom)) * CANDIDATES;
     let mut candidates = [NONE; CANDIDATES];
     let mut tried = 0;
-    // (VOID is a candidate only for nodes without children: there 0 wraps to a number above all
-    // values.)
-    let below = u32::from(!is_inner);
-    let is_value = |symbol: u32| symbol.wrapping_sub(below) >= FIRST_VALUE - below;
+    // (An INNER node is not VOID.)
+    let is_value = |symbol: u32| symbol >= FIRST_VALUE || symbol == NOTHING && !is_inner;
     let mut is_it = |candidate, rank, alike: u64| {
-        let context = ((kind + rank) * contexts.children + place.child) << 8 | pattern::<D>(alike);
+        let context = ((kind + rank) * contexts.children + child) << 8 | pattern::<D>(alike);
         coder.bit(&mut contexts.matches[context], truth == candidate)
     };
-    if is_value(place.symbol) {
-        if is_it(place.symbol, 0, place.alike >> place.begin) {
-            return Some(place.symbol);
+    // The parent's symbol comes first: most children have it, and its mask is there.
+    if is_value(symbol) {
+        if is_it(symbol, 0, alike) {
+            return Some(symbol);
         }
-        candidates[0] = place.symbol;
+        candidates[0] = symbol;
         tried = 1;
     }
-    for &offset in offsets {
-        let candidate = grid[(place.begin + usize::from(offset)) % G] >> SYMBOL_AT;
+    let symbol_at = |offset: &u8| words[(begin + usize::from(*offset)) % G] >> SYMBOL_AT;
+    for candidate in offsets.iter().map(symbol_at) {
         if !is_value(candidate) || candidates[..tried].contains(&candidate) {
             continue;
         }
-        let alike = offsets.iter().fold(0, |alike, offset| {
-            let word = grid[(place.begin + usize::from(*offset)) % G];
-            alike | u64::from(word >> SYMBOL_AT == candidate) << offset
-        });
+        let alike = offsets
+            .iter()
+            .fold(0, |alike, offset| alike | u64::from(symbol_at(offset) == candidate) << offset);
         if is_it(candidate, 1 + tried.min(2), alike) {
             return Some(candidate);
         }

@@ -152,7 +152,7 @@ impl Writer<'_> {
         let (layout, nodes) = (self.layout, self.nodes);
         let start = records.len();
         if let Some(dense) = nodes.dense(node) {
-            let skip = dense.places(layout);
+            let skip = dense.slots(layout);
             if skip > most.checked_sub(start / layout.size)? {
                 return None;
             }
@@ -195,13 +195,8 @@ impl Writer<'_> {
         level.clear();
         level.push(root);
         for depth in 1..=dense.levels {
-            // Per node: its first child and a mask of all bits for a child's index, or the node
-            // itself and the mask 0.
             families.clear();
-            families.extend(level.iter().map(|node| match nodes.first(*node) {
-                Some(first) => (first, u32::MAX),
-                None => (*node, 0),
-            }));
+            families.extend(level.iter().map(|node| nodes.children(*node)));
             if families.iter().any(|(node, mask)| *mask == 0 && nodes.state(*node) == INNER) {
                 return None;
             }
@@ -218,16 +213,8 @@ impl Writer<'_> {
             }
             std::mem::swap(&mut level, &mut below);
             let values = &mut block[layout.dense_values_at(depth)..][..level.len() * layout.width];
-            match layout.width {
-                1 => self.put_values::<1>(&level, values)?,
-                2 => self.put_values::<2>(&level, values)?,
-                4 => self.put_values::<4>(&level, values)?,
-                8 => self.put_values::<8>(&level, values)?,
-                _ => {
-                    for (node, bytes) in level.iter().zip(values.chunks_exact_mut(layout.width)) {
-                        put(&self.value(*node)?, layout.width, bytes);
-                    }
-                }
+            for (node, bytes) in level.iter().zip(values.chunks_exact_mut(layout.width)) {
+                put(&self.value(*node)?, layout.width, bytes);
             }
         }
         let (set, other) = dense.kind.states();
@@ -243,14 +230,6 @@ impl Writer<'_> {
             }
         }
         self.rows = Rows { level, below, families };
-        Some(())
-    }
-
-    /// Writes the values of nodes consecutively. Returns `None` if one has no value.
-    fn put_values<const N: usize>(&self, nodes: &[u32], bytes: &mut [u8]) -> Option<()> {
-        for (node, bytes) in nodes.iter().zip(bytes.as_chunks_mut::<N>().0) {
-            *bytes = *self.value(*node)?.first_chunk()?;
-        }
         Some(())
     }
 }
@@ -272,19 +251,19 @@ pub(crate) fn write_dense_head(layout: &RecordLayout, dense: Dense, bytes: &mut 
     let block = DenseBlock::new(*layout, dense.kind, dense.levels, bytes);
     let state = |child: usize| u32::from(block.state(1, child)) << (2 * child);
     let states = (0..layout.children()).map(state).sum();
-    let head = RecordHead { states, skip: dense.places(layout) as u32, dense: dense.kind.number() };
+    let head = RecordHead { states, skip: dense.slots(layout) as u32, dense: dense.kind.number() };
     layout.write_head(&mut bytes[..layout.size], head);
 }
 
 /// Returns the number of record slots of an INNER node and all below it. Returns `None` if an INNER
 /// node has no children.
-pub(crate) fn places(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<usize> {
+pub(crate) fn slots(layout: &RecordLayout, nodes: &Nodes, node: u32) -> Option<usize> {
     if let Some(dense) = nodes.dense(node) {
-        return Some(dense.places(layout));
+        return Some(dense.slots(layout));
     }
     let first = nodes.first(node)?;
     let below = (first..).take(layout.children()).filter(|node| nodes.state(*node) == INNER);
-    below.map(|node| places(layout, nodes, node)).sum::<Option<usize>>().map(|below| 1 + below)
+    below.map(|node| slots(layout, nodes, node)).sum::<Option<usize>>().map(|below| 1 + below)
 }
 
 /// Calls `each` with the symbol and the cell count of every LEAF.

@@ -7,6 +7,7 @@ use spinney_base::value::{Rule, SampleType, ValueType};
 use spinney_container::{DenseKind, LEAF, RecordLayout, dense_levels};
 
 use crate::blocks::{NumberBlock, copy_values, pack_blocks, unpack_blocks};
+use crate::groups::Group;
 use crate::nodes::Dense;
 use crate::tests::Random;
 use crate::vectorized::baseline_only;
@@ -71,7 +72,7 @@ fn some_blocks(
         assert!(kind.states().0 == LEAF);
         let dense = Dense { kind, levels };
         let start = records.len();
-        records.resize(start + dense.places(&layout) * layout.size, 0);
+        records.resize(start + dense.slots(&layout) * layout.size, 0);
         for level in 1..=levels {
             for at in 0..layout.dimension.cells(level) as usize {
                 let mask = (1 << level) - 1;
@@ -91,7 +92,8 @@ fn some_blocks(
     }
     // (VOID nodes have zeros, and the heads are rewritten.)
     let from = records.clone();
-    copy_values(form, &blocks, &from, &mut records);
+    let groups = Group::all(&layout, &blocks);
+    copy_values(form, (&blocks, &groups), &from, &mut records);
     (blocks, records)
 }
 
@@ -121,8 +123,9 @@ fn numbers_of_any_size_come_back_by_all_ways() {
 
 /// Packs and unpacks blocks with the vectorized and the baseline functions.
 fn check(form: TreeType, rule: Rule, blocks: &[NumberBlock], records: &[u8]) -> (Vec<u8>, Vec<u8>) {
-    let packed = pack_blocks(form, rule, blocks, records);
-    let simple = baseline_only(|| pack_blocks(form, rule, blocks, records));
+    let groups = Group::all(&RecordLayout::new(form), blocks);
+    let pack = || pack_blocks(form, rule, (blocks, &groups), records);
+    let (packed, simple) = (pack(), baseline_only(pack));
     assert!(packed == simple, "{form:?} {rule:?}");
     let unpack = || {
         let mut found = vec![0; records.len()];
@@ -202,7 +205,7 @@ fn corrupt_streams_are_refused_or_become_other_numbers() {
     let mut random = Random(43);
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
     let (blocks, records) = blocks(form, Content::Slopes, &mut random);
-    let (header, streams) = pack_blocks(form, Rule::Mean, &blocks, &records);
+    let (header, streams) = check(form, Rule::Mean, &blocks, &records);
     for _ in 0..1000 {
         let (mut header, mut streams) = (header.clone(), streams.clone());
         match random.below(4) {

@@ -34,9 +34,9 @@ pub(crate) struct Level<T> {
     pub(crate) changes: [Vec<T>; 8],
 }
 
-fn grow<T: Clone + Default>(numbers: &mut Vec<T>, room: usize) {
-    if numbers.len() < room {
-        numbers.resize(room, T::default());
+fn grow<T: Clone + Default>(numbers: &mut Vec<T>, count: usize) {
+    if numbers.len() < count {
+        numbers.resize(count, T::default());
     }
 }
 

@@ -7,10 +7,11 @@ use spinney_container::RecordLayout;
 use crate::adaptive::{Adaptive, AdaptiveSymbols, SYMBOLS};
 use crate::bits::{BitCoder, BitReader, BitWriter};
 use crate::blocks::{NumberBlock, copy_values};
-use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct, symbol_of};
+use crate::groups::Group;
+use crate::model::{Model, ModelCoder, NO_VALUE, ParsedRecords, RunLimits, distinct, symbol_of};
 use crate::nodes::{Nodes, ROOT};
-use crate::plain::places;
-use crate::segment::{Damage, Parts, write_parts};
+use crate::plain::slots;
+use crate::segment::{Corruption, Parts, write_parts};
 use crate::values::{Numbers, code_table, numbers};
 
 /// Common properties of runs.
@@ -49,15 +50,15 @@ pub struct UnpackedRuns {
     /// Runs, in packing order.
     pub runs: Vec<Run<Vec<u8>>>,
     /// Additional bytes that were packed with the runs.
-    pub beside: Vec<u8>,
+    pub side_bytes: Vec<u8>,
 }
 
 /// Length of the prefix: the checksum of all that is packed, and the model's number.
 const START: usize = 5;
 
 /// Packs runs, and additional bytes. Returns `None` if the result is not smaller.
-pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], beside: &[u8]) -> Option<Vec<u8>> {
-    pack_runs_by(Model::of(form.form.value, form.rule, form.kind), form, runs, beside)
+pub fn pack_runs(form: &RunForm, runs: &[Run<&[u8]>], side_bytes: &[u8]) -> Option<Vec<u8>> {
+    pack_runs_by(Model::of(form.form.value, form.rule, form.kind), form, runs, side_bytes)
 }
 
 /// Packs runs with any of the models that readers support.
@@ -65,10 +66,10 @@ pub(crate) fn pack_runs_by(
     model: Model,
     form: &RunForm,
     runs: &[Run<&[u8]>],
-    beside: &[u8],
+    side_bytes: &[u8],
 ) -> Option<Vec<u8>> {
-    let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
-    let packed = pack_as(model, form, runs, (beside, length))?;
+    let length = side_bytes.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+    let packed = pack_as(model, form, runs, (side_bytes, length))?;
     (packed.len() < length).then_some(packed)
 }
 
@@ -76,33 +77,35 @@ fn pack_as(
     model: Model,
     form: &RunForm,
     runs: &[Run<&[u8]>],
-    (beside, length): (&[u8], usize),
+    (side_bytes, length): (&[u8], usize),
 ) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(form.form);
-    let taken = runs.iter().map(|run| Taken::new(model, &layout, form.form, run.records));
+    let taken = runs.iter().map(|run| ParsedRecords::new(model, &layout, form.form, run.records));
     let mut taken = taken.collect::<Option<Vec<_>>>()?;
     let own = runs.iter().filter(|_| model != Model::Solid).map(|run| numbers(form.form, run.representative));
-    let known = distinct(form.form, taken.iter().flat_map(Taken::values).chain(own));
+    let known = distinct(form.form, taken.iter().flat_map(ParsedRecords::values).chain(own));
     taken.iter_mut().try_for_each(|taken| taken.set_symbols(form.form, &known))?;
     let mut writer = BitWriter::default();
-    let contents = Contents { runs, taken: &taken, known: &known, beside };
+    let contents = Contents { runs, taken: &taken, known: &known, side_bytes };
     let (coded, mut blocks) = code_runs(&mut writer, model, form, (runs.len(), length, length), &contents)?;
-    let mut packed = checksum(runs.iter().copied(), beside).to_le_bytes().to_vec();
+    let mut packed = checksum(runs.iter().copied(), side_bytes).to_le_bytes().to_vec();
     packed.push(model as u8);
     // (As with segments: only what unpacks to the same bytes is written.)
     let records = runs.iter().flat_map(|run| run.records).copied().collect::<Vec<u8>>();
     let (mut written, lengths) = coded.write(&layout, &mut blocks)?;
-    let is_same = |((run, coded), length): ((&Run<&[u8]>, &CodedRun), usize)| {
+    let is_same = |((run, coded), length): ((&Run<&[u8]>, &RunNodes), usize)| {
         length == run.records.len() && coded.representative == run.representative
     };
     if written.len() != records.len() || !runs.iter().zip(&coded.runs).zip(lengths).all(is_same) {
         return None;
     }
-    copy_values(form.form, &blocks, &records, &mut written);
+    let groups = Group::all(&layout, &blocks);
+    copy_values(form.form, (&blocks, &groups), &records, &mut written);
     if written != records {
         return None;
     }
-    write_parts(writer, (model, form.form, form.rule), (&blocks, &records), &mut packed);
+    let numbers = (&blocks[..], &groups[..], &records[..]);
+    write_parts(writer, (model, form.form, form.rule), numbers, &mut packed);
     Some(packed)
 }
 
@@ -110,64 +113,70 @@ fn pack_as(
 ///
 /// # Errors
 /// If the bytes are not those of such runs.
-pub fn unpack_runs(form: &RunForm, count: usize, most: usize, packed: &[u8]) -> Result<UnpackedRuns, Damage> {
-    let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
+pub fn unpack_runs(
+    form: &RunForm,
+    count: usize,
+    most: usize,
+    packed: &[u8],
+) -> Result<UnpackedRuns, Corruption> {
+    let (start, rest) = packed.split_at_checked(START).ok_or(Corruption("too few bytes"))?;
     let model = Model::from_number(start[4], form.form.value)?;
-    let parts = Parts::of(model, rest).ok_or(Damage("parts that cannot be"))?;
-    let mut reader = BitReader::new(parts.nodes).ok_or(Damage("no states"))?;
-    let contents = Contents { runs: &[], taken: &[], known: &[], beside: &[] };
+    let parts = Parts::of(model, rest).ok_or(Corruption("parts that cannot be"))?;
+    let mut reader = BitReader::new(parts.nodes).ok_or(Corruption("no states"))?;
+    let contents = Contents { runs: &[], taken: &[], known: &[], side_bytes: &[] };
     let coded = code_runs(&mut reader, model, form, (count, most, 0), &contents);
-    let (coded, mut blocks) = coded.ok_or(Damage("records that cannot be"))?;
+    let (coded, mut blocks) = coded.ok_or(Corruption("records that cannot be"))?;
     if !reader.is_whole() {
-        return Err(Damage("another length"));
+        return Err(Corruption("another length"));
     }
-    let (mut records, lengths) =
-        coded.write(&RecordLayout::new(form.form), &mut blocks).ok_or(Damage("records that cannot be"))?;
+    let (mut records, lengths) = coded
+        .write(&RecordLayout::new(form.form), &mut blocks)
+        .ok_or(Corruption("records that cannot be"))?;
     let numbers = parts.unpack_blocks(form.form, form.rule, (&blocks, &mut records));
-    numbers.ok_or(Damage("numbers that cannot be"))?;
+    numbers.ok_or(Corruption("numbers that cannot be"))?;
     let mut rest = &records[..];
     let runs = coded.runs.into_iter().zip(lengths).map(|(run, length)| {
         let (records, others) = rest.split_at(length);
         rest = others;
         Run { height: run.height, representative: run.representative, records: records.to_vec() }
     });
-    let unpacked = UnpackedRuns { runs: runs.collect(), beside: coded.beside };
-    let found = checksum(unpacked.runs.iter().map(Run::as_slices), &unpacked.beside);
+    let unpacked = UnpackedRuns { runs: runs.collect(), side_bytes: coded.side_bytes };
+    let found = checksum(unpacked.runs.iter().map(Run::as_slices), &unpacked.side_bytes);
     if found.to_le_bytes() != start[..4] {
-        return Err(Damage("another checksum"));
+        return Err(Corruption("another checksum"));
     }
     Ok(unpacked)
 }
 
 /// Computes the checksum of consecutive runs and of the additional bytes.
-fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, beside: &[u8]) -> u32 {
+fn checksum<'r>(runs: impl Iterator<Item = Run<&'r [u8]>>, side_bytes: &[u8]) -> u32 {
     let of_runs = runs.fold(0, |sum, run| {
         let sum = crc32c::crc32c_append(sum, &[run.height]);
         crc32c::crc32c_append(crc32c::crc32c_append(sum, run.representative), run.records)
     });
-    crc32c::crc32c_append(of_runs, beside)
+    crc32c::crc32c_append(of_runs, side_bytes)
 }
 
 /// Contents to be written; empty for a reader.
 struct Contents<'c> {
     runs: &'c [Run<&'c [u8]>],
-    taken: &'c [Taken<'c>],
+    taken: &'c [ParsedRecords<'c>],
     /// Values, by symbol less [`crate::nodes::FIRST_VALUE`].
     known: &'c [Numbers],
-    beside: &'c [u8],
+    side_bytes: &'c [u8],
 }
 
 /// Runs as nodes.
-struct CodedRuns {
+struct AllRunNodes {
     coder: ModelCoder,
-    runs: Vec<CodedRun>,
+    runs: Vec<RunNodes>,
     /// Total length of all records, in bytes.
     length: usize,
-    beside: Vec<u8>,
+    side_bytes: Vec<u8>,
 }
 
 /// Run as nodes.
-struct CodedRun {
+struct RunNodes {
     height: u8,
     representative: Vec<u8>,
     nodes: Nodes,
@@ -175,7 +184,7 @@ struct CodedRun {
     blocks: usize,
 }
 
-impl CodedRuns {
+impl AllRunNodes {
     /// Writes the records of all runs. Returns them with the length of each run. Dense blocks get
     /// their offsets, but no numbers yet. Returns `None` if the total length is not the stored one.
     fn write(&self, layout: &RecordLayout, blocks: &mut [NumberBlock]) -> Option<(Vec<u8>, Vec<usize>)> {
@@ -199,11 +208,11 @@ fn code_runs<K: BitCoder>(
     form: &RunForm,
     (count, most, length): (usize, usize, usize),
     contents: &Contents<'_>,
-) -> Option<(CodedRuns, Vec<NumberBlock>)> {
+) -> Option<(AllRunNodes, Vec<NumberBlock>)> {
     let layout = RecordLayout::new(form.form);
     let length = usize::try_from(coder.number(length as u64)).ok().filter(|length| *length <= most)?;
     let (mut rest, mut heights) = (length, [Adaptive::default(); 1 << HEIGHT_BITS]);
-    let beside = code_bytes(coder, contents.beside, &mut rest)?;
+    let side_bytes = code_bytes(coder, contents.side_bytes, &mut rest)?;
     // (Each value takes its width in the records, except those of the runs' own nodes.)
     let table = match model.has_table() {
         true => code_table(coder, form.form, contents.known, length / layout.width + count)?,
@@ -214,7 +223,7 @@ fn code_runs<K: BitCoder>(
     let (mut runs, mut all_blocks) = (Vec::new(), Vec::new());
     for number in 0..count {
         let truth = contents.runs.get(number);
-        let nodes = contents.taken.get(number).map_or(&none, Taken::nodes);
+        let nodes = contents.taken.get(number).map_or(&none, ParsedRecords::nodes);
         let height = code_height(coder, &mut heights, truth.map_or(1, |run| run.height))?;
         let own = truth.map_or(&[0; 16][..], |run| run.representative);
         let (root, value) = match model {
@@ -227,17 +236,17 @@ fn code_runs<K: BitCoder>(
                 (symbol, model_coder.value(symbol))
             }
         };
-        let room = RunRoom { height, reach: form.reach, length: rest };
+        let limits = RunLimits { height, reach: form.reach, length: rest };
         let mut blocks = contents.taken.get(number).map_or(Vec::new(), |taken| taken.blocks(&layout));
-        let nodes = model_coder.run(coder, room, (nodes, root), &mut blocks)?;
+        let nodes = model_coder.run(coder, limits, (nodes, root), &mut blocks)?;
         // Invariant: each run reduces the bytes left for the others. So however many runs a file
         // claims, together they take no more than `most` bytes.
-        rest = rest.checked_sub(places(&layout, &nodes, ROOT)? * layout.size)?;
+        rest = rest.checked_sub(slots(&layout, &nodes, ROOT)? * layout.size)?;
         let representative = value[..layout.width].to_vec();
-        runs.push(CodedRun { height, representative, nodes, blocks: blocks.len() });
+        runs.push(RunNodes { height, representative, nodes, blocks: blocks.len() });
         all_blocks.append(&mut blocks);
     }
-    Some((CodedRuns { coder: model_coder, runs, length: records, beside }, all_blocks))
+    Some((AllRunNodes { coder: model_coder, runs, length: records, side_bytes }, all_blocks))
 }
 
 /// Bits of a run's height.

@@ -7,7 +7,8 @@ use spinney_container::RecordLayout;
 use crate::bits::{BitCoder, BitReader, BitWriter};
 use crate::blocks::{NumberBlock, copy_values, pack_blocks, unpack_blocks};
 use crate::counts::{code_counts, parse_counts};
-use crate::model::{Model, ModelCoder, NO_VALUE, RunRoom, Taken, distinct};
+use crate::groups::Group;
+use crate::model::{Model, ModelCoder, NO_VALUE, ParsedRecords, RunLimits, distinct};
 use crate::nodes::Nodes;
 use crate::values::{Numbers, code_table};
 
@@ -28,11 +29,11 @@ pub struct SegmentForm {
 
 /// Reason why bytes are not a packed segment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Damage(pub &'static str);
+pub struct Corruption(pub &'static str);
 
-impl Damage {
+impl Corruption {
     /// Not corruption, but numbers packed by an older version, which are no longer read.
-    pub const OLDER: Damage = Damage("the packing of numbers by an older version");
+    pub const OLDER: Corruption = Corruption("the packing of numbers by an older version");
 }
 
 /// Maximum number of class counts of a segment.
@@ -41,16 +42,16 @@ const MAX_COUNTS: usize = 1024;
 /// Length of the prefix: the checksum of the plain segment, and the model's number.
 const START: usize = 5;
 
-/// Packs a plain segment of `places` record slots, followed by its class counts. Returns `None` if
+/// Packs a plain segment of `slots` record slots, followed by its class counts. Returns `None` if
 /// the result is not smaller.
-pub fn pack(segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
-    pack_by(Model::of(segment.form.value, segment.rule, segment.kind), segment, places, plain)
+pub fn pack(segment: &SegmentForm, slots: u32, plain: &[u8]) -> Option<Vec<u8>> {
+    pack_by(Model::of(segment.form.value, segment.rule, segment.kind), segment, slots, plain)
 }
 
 /// Packs a segment with any of the models that readers support.
-pub(crate) fn pack_by(model: Model, segment: &SegmentForm, places: u32, plain: &[u8]) -> Option<Vec<u8>> {
+pub(crate) fn pack_by(model: Model, segment: &SegmentForm, slots: u32, plain: &[u8]) -> Option<Vec<u8>> {
     let layout = RecordLayout::new(segment.form);
-    let (records, counts) = plain.split_at_checked(places as usize * layout.size)?;
+    let (records, counts) = plain.split_at_checked(slots as usize * layout.size)?;
     pack_as(model, segment, &layout, records, counts).filter(|packed| packed.len() < plain.len())
 }
 
@@ -62,7 +63,7 @@ fn pack_as(
     counts: &[u8],
 ) -> Option<Vec<u8>> {
     let form = segment.form;
-    let mut taken = Taken::new(model, layout, form, records)?;
+    let mut taken = ParsedRecords::new(model, layout, form, records)?;
     let counted = parse_counts(form, counts).into_iter().map(|(value, _)| value);
     // All values, sorted.
     let (known, table) = match model.has_table() {
@@ -83,44 +84,46 @@ fn pack_as(
     if written.len() != records.len() {
         return None;
     }
-    copy_values(segment.form, &blocks, records, &mut written);
+    let groups = Group::all(layout, &blocks);
+    copy_values(segment.form, (&blocks, &groups), records, &mut written);
     if written != records || coded_counts != counts {
         return None;
     }
     let mut packed = crc32c::crc32c_append(crc32c::crc32c(records), counts).to_le_bytes().to_vec();
     packed.push(model as u8);
-    write_parts(writer, (model, segment.form, segment.rule), (&blocks, records), &mut packed);
+    let numbers = (&blocks[..], &groups[..], records);
+    write_parts(writer, (model, segment.form, segment.rule), numbers, &mut packed);
     Some(packed)
 }
 
-/// Unpacks a segment of `places` record slots and `classes` class counts.
+/// Unpacks a segment of `slots` record slots and `classes` class counts.
 ///
 /// # Errors
 /// If the bytes are not those of such a segment.
-pub fn unpack(segment: &SegmentForm, places: u32, classes: u16, packed: &[u8]) -> Result<Vec<u8>, Damage> {
+pub fn unpack(segment: &SegmentForm, slots: u32, classes: u16, packed: &[u8]) -> Result<Vec<u8>, Corruption> {
     let layout = RecordLayout::new(segment.form);
-    let length = places as usize * layout.size;
-    let (start, rest) = packed.split_at_checked(START).ok_or(Damage("too few bytes"))?;
+    let length = slots as usize * layout.size;
+    let (start, rest) = packed.split_at_checked(START).ok_or(Corruption("too few bytes"))?;
     let model = Model::from_number(start[4], segment.form.value)?;
-    let parts = Parts::of(model, rest).ok_or(Damage("parts that cannot be"))?;
-    let mut reader = BitReader::new(parts.nodes).ok_or(Damage("no states"))?;
+    let parts = Parts::of(model, rest).ok_or(Corruption("parts that cannot be"))?;
+    let mut reader = BitReader::new(parts.nodes).ok_or(Corruption("no states"))?;
     let mut blocks = Vec::new();
     let none = Nodes::default();
     let contents = Contents { nodes: &none, table: &[], known: &[], counts: &[] };
     let coded = code_segment(&mut reader, model, segment, &layout, length, contents, &mut blocks);
-    let (coder, nodes, counts) = coded.ok_or(Damage("nodes that cannot be"))?;
+    let (coder, nodes, counts) = coded.ok_or(Corruption("nodes that cannot be"))?;
     let mut plain = Vec::with_capacity(length + counts.len());
-    let written = coder.write(&nodes, &mut blocks, places as usize, &mut plain);
-    written.ok_or(Damage("records that cannot be"))?;
+    let written = coder.write(&nodes, &mut blocks, slots as usize, &mut plain);
+    written.ok_or(Corruption("records that cannot be"))?;
     let numbers = parts.unpack_blocks(segment.form, segment.rule, (&blocks, &mut plain));
-    numbers.ok_or(Damage("numbers that cannot be"))?;
+    numbers.ok_or(Corruption("numbers that cannot be"))?;
     let is_whole = reader.is_whole() && plain.len() == length;
     plain.extend_from_slice(&counts);
     if !is_whole || counts.len() != usize::from(classes) * (layout.width + 8) {
-        return Err(Damage("another length"));
+        return Err(Corruption("another length"));
     }
     if crc32c::crc32c(&plain).to_le_bytes() != start[..4] {
-        return Err(Damage("another checksum"));
+        return Err(Corruption("another checksum"));
     }
     Ok(plain)
 }
@@ -137,7 +140,7 @@ pub(crate) struct Parts<'p> {
 pub(crate) fn write_parts(
     writer: BitWriter,
     (model, form, rule): (Model, TreeType, Rule),
-    (blocks, records): (&[NumberBlock], &[u8]),
+    (blocks, groups, records): (&[NumberBlock], &[Group], &[u8]),
     packed: &mut Vec<u8>,
 ) {
     if model != Model::Numbers {
@@ -147,7 +150,7 @@ pub(crate) fn write_parts(
     writer.finish(&mut nodes);
     let (header, streams) = match blocks {
         [] => Default::default(),
-        _ => pack_blocks(form, rule, blocks, records),
+        _ => pack_blocks(form, rule, (blocks, groups), records),
     };
     for length in [nodes.len(), header.len()] {
         write_length(length, packed);
@@ -229,8 +232,8 @@ fn code_segment<K: BitCoder>(
     let table = code_table(coder, form, contents.table, length / layout.width + MAX_COUNTS)?;
     let known = if model.has_table() { &table } else { contents.known };
     let mut model_coder = ModelCoder::new(model, form, known);
-    let room = RunRoom { height, reach, length };
-    let nodes = model_coder.run(coder, room, (contents.nodes, NO_VALUE), blocks)?;
+    let limits = RunLimits { height, reach, length };
+    let nodes = model_coder.run(coder, limits, (contents.nodes, NO_VALUE), blocks)?;
     let all = model.has_table().then_some(&nodes);
     let counts = code_counts(coder, (form, height), &table, all, contents.counts);
     Some((model_coder, nodes, counts))

@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::nodes::Dense;
 use crate::runs::pack_runs_by;
 use crate::segment::pack_by;
-use crate::{Damage, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
+use crate::{Corruption, Run, RunForm, SegmentForm, pack, pack_runs, unpack, unpack_runs};
 
 /// Small random number generator (xorshift), so that tests are reproducible.
 pub(crate) struct Random(pub(crate) u64);
@@ -82,7 +82,7 @@ impl Trees {
         let layout = self.layout;
         let marks: &[u8] = if self.height > self.reach { &[2, 4, 5] } else { &[1, 3] };
         let dense = Dense { kind: kind(marks[self.random.below(marks.len() as u64) as usize]), levels };
-        let (start, skip) = (records.len(), dense.places(&layout));
+        let (start, skip) = (records.len(), dense.slots(&layout));
         records.resize(start + skip * layout.size, 0);
         if dense.kind.has_mask() {
             let bits = &mut records[start + layout.dense_mask_at(levels)..]
@@ -167,8 +167,8 @@ fn random_segments_of_all_types_come_back() {
                 for height in [4, 7] {
                     seed += 1;
                     let form = segment(TreeType::new(dimension, value), height, kind, rule);
-                    let (places, plain) = random_segment(form, 3, seed);
-                    let packed = pack(&form, places, &plain);
+                    let (slots, plain) = random_segment(form, 3, seed);
+                    let packed = pack(&form, slots, &plain);
                     // (Random categories repeat often; random numbers cannot be predicted, and may
                     // stay plain.)
                     let may_stay = kind == DataKind::Continuous || plain.len() < 400;
@@ -176,9 +176,9 @@ fn random_segments_of_all_types_come_back() {
                     // Readers support each model with every rule and kind, since other writers may
                     // choose another one.
                     let others = [Model::Names, Model::Numbers];
-                    let others = others.map(|model| pack_by(model, &form, places, &plain));
+                    let others = others.map(|model| pack_by(model, &form, slots, &plain));
                     for packed in others.into_iter().chain([packed]).flatten() {
-                        assert_eq!(unpack(&form, places, 0, &packed).as_ref(), Ok(&plain), "{form:?}");
+                        assert_eq!(unpack(&form, slots, 0, &packed).as_ref(), Ok(&plain), "{form:?}");
                         digest = crc32c::crc32c_append(digest, &packed);
                     }
                 }
@@ -194,14 +194,14 @@ fn class_counts_come_back() {
     let form = TreeType::new(Dimension::Quad, ValueType::new(SampleType::I16, 1));
     for height in [4, 7] {
         let form = segment(form, height, DataKind::Categorical, Rule::Majority);
-        let (places, mut plain) = random_segment(form, 5, 3);
+        let (slots, mut plain) = random_segment(form, 5, 3);
         for (value, cells) in [(-7919i16, 3u64), (0, 1 << 40), (7919, 17), (15838, 1)] {
             plain.extend_from_slice(&value.to_le_bytes());
             plain.extend_from_slice(&cells.to_le_bytes());
         }
-        let packed = pack(&form, places, &plain).unwrap();
-        assert_eq!(unpack(&form, places, 4, &packed), Ok(plain));
-        assert_eq!(unpack(&form, places, 3, &packed), Err(Damage("another length")));
+        let packed = pack(&form, slots, &plain).unwrap();
+        assert_eq!(unpack(&form, slots, 4, &packed), Ok(plain));
+        assert_eq!(unpack(&form, slots, 3, &packed), Err(Corruption("another length")));
     }
 }
 
@@ -212,16 +212,16 @@ fn noise_stays_plain() {
     let layout = RecordLayout::new(form.form);
     let mut random = Random(7);
     let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
-    let mut plain: Vec<u8> = (0..dense.places(&layout) * layout.size).map(|_| random.next() as u8).collect();
+    let mut plain: Vec<u8> = (0..dense.slots(&layout) * layout.size).map(|_| random.next() as u8).collect();
     let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
     layout.write_head(
         &mut plain[..layout.size],
-        RecordHead { states, skip: (dense.places(&layout)) as u32, dense: 1 },
+        RecordHead { states, skip: (dense.slots(&layout)) as u32, dense: 1 },
     );
-    let places = dense.places(&layout) as u32;
-    if let Some(packed) = pack(&form, places, &plain) {
+    let slots = dense.slots(&layout) as u32;
+    if let Some(packed) = pack(&form, slots, &plain) {
         assert!(packed.len() < plain.len());
-        assert_eq!(unpack(&form, places, 0, &packed), Ok(plain));
+        assert_eq!(unpack(&form, slots, 0, &packed), Ok(plain));
     }
 }
 
@@ -232,8 +232,8 @@ fn what_is_smooth_becomes_small() {
         let form = segment(form, 5, DataKind::Continuous, Rule::Mean);
         let layout = RecordLayout::new(form.form);
         let dense = Dense { kind: DenseKind::ALL_LEAF, levels: 5 };
-        let places = dense.places(&layout);
-        let mut plain = vec![0; places * layout.size];
+        let slots = dense.slots(&layout);
+        let mut plain = vec![0; slots * layout.size];
         for level in 1..=5 {
             let side = 1usize << level;
             for at in 0..side * side {
@@ -250,26 +250,26 @@ fn what_is_smooth_becomes_small() {
             }
         }
         let states = (0..4).map(|child| u32::from(INNER) << (2 * child)).sum();
-        layout.write_head(&mut plain[..layout.size], RecordHead { states, skip: (places) as u32, dense: 1 });
-        let packed = pack(&form, places as u32, &plain).unwrap();
-        assert_eq!(unpack(&form, places as u32, 0, &packed).as_ref(), Ok(&plain));
+        layout.write_head(&mut plain[..layout.size], RecordHead { states, skip: (slots) as u32, dense: 1 });
+        let packed = pack(&form, slots as u32, &plain).unwrap();
+        assert_eq!(unpack(&form, slots as u32, 0, &packed).as_ref(), Ok(&plain));
         plain.len() / packed.len()
     });
     assert!(sizes[0] >= 2 && sizes[1] >= 4, "{sizes:?}");
 }
 
 /// Returns bytes of which 1 to 3 bits are flipped.
-pub(crate) fn damaged(bytes: &[u8], random: &mut Random) -> Vec<u8> {
-    let mut damaged = bytes.to_vec();
+pub(crate) fn corrupted(bytes: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut corrupted = bytes.to_vec();
     for _ in 0..1 + random.below(3) {
-        let at = random.below(damaged.len() as u64) as usize;
-        damaged[at] ^= 1 << random.below(8);
+        let at = random.below(corrupted.len() as u64) as usize;
+        corrupted[at] ^= 1 << random.below(8);
     }
-    damaged
+    corrupted
 }
 
 #[test]
-fn damaged_segments_are_told() {
+fn corrupt_segments_are_refused() {
     let mut random = Random(11);
     for (dimension, kind, rule) in [
         (Dimension::Quad, DataKind::Categorical, Rule::Majority),
@@ -279,25 +279,25 @@ fn damaged_segments_are_told() {
     ] {
         let form = TreeType::new(dimension, ValueType::new(SampleType::U8, 1));
         let form = segment(form, 7, kind, rule);
-        let (places, plain) = random_segment(form, 3, 5);
-        let models = [Model::Names, Model::Numbers].map(|model| pack_by(model, &form, places, &plain));
+        let (slots, plain) = random_segment(form, 3, 5);
+        let models = [Model::Names, Model::Numbers].map(|model| pack_by(model, &form, slots, &plain));
         let packed = models.into_iter().flatten().min_by_key(Vec::len).unwrap();
         for length in 0..packed.len().min(64) {
-            assert!(unpack(&form, places, 0, &packed[..length]).is_err());
+            assert!(unpack(&form, slots, 0, &packed[..length]).is_err());
         }
         for _ in 0..500 {
-            let damaged = damaged(&packed, &mut random);
+            let corrupted = corrupted(&packed, &mut random);
             // (Some bits have no effect: then the segment is the same.)
-            if let Ok(unpacked) = unpack(&form, places, 0, &damaged) {
+            if let Ok(unpacked) = unpack(&form, slots, 0, &corrupted) {
                 assert_eq!(unpacked, plain);
             }
         }
         for _ in 0..500 {
             let noise: Vec<u8> = (0..random.below(200)).map(|_| random.next() as u8).collect();
             let model = [noise.get(..4).unwrap_or(&[0; 4]), &[random.below(5) as u8], &noise].concat();
-            assert!(unpack(&form, places, 3, &model).is_err());
+            assert!(unpack(&form, slots, 3, &model).is_err());
         }
-        for wrong in [0, 1, places - 1, places + 1] {
+        for wrong in [0, 1, slots - 1, slots + 1] {
             assert!(unpack(&form, wrong, 0, &packed).is_err());
         }
     }
@@ -356,18 +356,18 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
                 seed += 1;
                 let form = RunForm { form: TreeType::new(dimension, value), rule, kind, reach: 3 };
                 let runs = random_runs(&form, 12, seed);
-                let beside: Vec<u8> = (0..seed * 3).map(|at| (at % 5) as u8).collect();
-                let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+                let side_bytes: Vec<u8> = (0..seed * 3).map(|at| (at % 5) as u8).collect();
+                let length = side_bytes.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
                 let slices = as_slices(&runs);
-                let Some(packed) = pack_runs(&form, &slices, &beside) else {
+                let Some(packed) = pack_runs(&form, &slices, &side_bytes) else {
                     assert_ne!(kind, DataKind::Categorical, "{form:?}");
                     continue;
                 };
                 let others = [Model::Names, Model::Numbers];
-                let others = others.map(|model| pack_runs_by(model, &form, &slices, &beside));
+                let others = others.map(|model| pack_runs_by(model, &form, &slices, &side_bytes));
                 for packed in others.iter().flatten().chain([&packed]) {
                     let unpacked = unpack_runs(&form, runs.len(), length, packed).unwrap();
-                    assert_eq!((&unpacked.runs, &unpacked.beside), (&runs, &beside), "{form:?}");
+                    assert_eq!((&unpacked.runs, &unpacked.side_bytes), (&runs, &side_bytes), "{form:?}");
                 }
                 let alone = slices.iter().map(|run| pack_runs(&form, &[*run], &[]));
                 let alone: usize =
@@ -379,7 +379,7 @@ fn runs_come_back_in_fewer_bytes_than_one_by_one() {
 }
 
 #[test]
-fn damaged_runs_are_told() {
+fn corrupt_runs_are_refused() {
     let mut random = Random(13);
     for (dimension, kind, rule) in [
         (Dimension::Quad, DataKind::Categorical, Rule::Majority),
@@ -393,15 +393,16 @@ fn damaged_runs_are_told() {
             reach: 3,
         };
         let runs = random_runs(&form, 20, 5);
-        let beside = b"what belongs to them".repeat(3);
-        let length = beside.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
+        let side_bytes = b"what belongs to them".repeat(3);
+        let length = side_bytes.len() + runs.iter().map(|run| run.records.len()).sum::<usize>();
         let slices = as_slices(&runs);
-        let models = [Model::Names, Model::Numbers].map(|model| pack_runs_by(model, &form, &slices, &beside));
+        let models =
+            [Model::Names, Model::Numbers].map(|model| pack_runs_by(model, &form, &slices, &side_bytes));
         let packed = models.into_iter().flatten().min_by_key(Vec::len).unwrap();
         for _ in 0..500 {
-            let damaged = damaged(&packed, &mut random);
-            if let Ok(unpacked) = unpack_runs(&form, runs.len(), length, &damaged) {
-                assert_eq!((unpacked.runs, unpacked.beside), (runs.clone(), beside.clone()));
+            let corrupted = corrupted(&packed, &mut random);
+            if let Ok(unpacked) = unpack_runs(&form, runs.len(), length, &corrupted) {
+                assert_eq!((unpacked.runs, unpacked.side_bytes), (runs.clone(), side_bytes.clone()));
             }
         }
         for (count, length) in [(19, length), (21, length), (20, length - 1), (20, 0)] {

@@ -182,8 +182,8 @@ impl Table {
         let last = (0..self.frequencies.len()).rev().find(is_there).unwrap_or(first);
         bits.put((first | last << 10) as u64, 20);
         let mut rest = &self.frequencies[first..=last];
-        while let Some((frequency, behind)) = rest.split_first() {
-            rest = behind;
+        while let Some((frequency, others)) = rest.split_first() {
+            rest = others;
             let length = u16::BITS - frequency.leading_zeros();
             bits.put(length.into(), 4);
             if length == 0 {
@@ -223,28 +223,28 @@ impl Table {
 
 /// Constants for encoding a token.
 #[derive(Clone, Copy, Default)]
-struct Place {
+struct SymbolRange {
     frequency: u32,
     start: u32,
     /// 2^44 divided by the frequency, rounded up.
     reciprocal: u64,
 }
 
-impl Place {
+impl SymbolRange {
     /// Computes the constants of all tokens.
-    fn all(table: &Table) -> Vec<Place> {
+    fn all(table: &Table) -> Vec<SymbolRange> {
         let mut start = 0;
         let place = |frequency: &u16| {
             // (A small block has few of all tokens, and a division costs more than everything else
             // here.)
             if *frequency == 0 {
-                return Place::default();
+                return SymbolRange::default();
             }
             let frequency = u32::from(*frequency);
             let own = start;
             start += frequency;
             let reciprocal = (1u64 << 44).div_ceil(u64::from(frequency));
-            Place { frequency, start: own, reciprocal }
+            SymbolRange { frequency, start: own, reciprocal }
         };
         table.frequencies.iter().map(place).collect()
     }
@@ -349,7 +349,7 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     head.put(u64::from(fineness == FINE), 1);
     tables.iter().for_each(|table| table.write(&mut head));
     let head = head.finish();
-    let places: Vec<Place> = tables.iter().flat_map(Place::all).collect();
+    let ranges: Vec<SymbolRange> = tables.iter().flat_map(SymbolRange::all).collect();
     // (Counts are indexed by fine tokens, of which there are more.)
     let last = (self::tokens(fineness) - 1) as u16;
     let rest = |token: u16| number_of(last.min(token), fineness).1;
@@ -364,7 +364,7 @@ pub fn pack_numbers(numbers: &[i64], contexts: &[u8], bytes: &mut Vec<u8>) {
     let bits = bits.finish();
     let mut words: Vec<u16> = Vec::with_capacity(numbers.len());
     let mut after = |state: u32, token: u16| {
-        let place = places[usize::from(token)];
+        let place = ranges[usize::from(token)];
         if place.frequency == TOTAL {
             return state;
         }
@@ -415,7 +415,8 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
     let (words, rest) = rest.split_at_checked(words.checked_mul(2)?)?;
     let (bits, rest) = rest.split_at_checked(bits)?;
     // Meaning of each slot of a state.
-    let lookups: Vec<Vec<Part>> = tables.iter().map(|table| Part::all(table, fineness)).collect();
+    let lookups: Vec<Vec<DecodeEntry>> =
+        tables.iter().map(|table| DecodeEntry::all(table, fineness)).collect();
     let state = |at: usize| u32::from_le_bytes(states[at..at + 4].try_into().expect("four bytes"));
     let mut states = [state(0), state(4)];
     let mut words = words.as_chunks::<2>().0.iter();
@@ -443,7 +444,7 @@ pub fn unpack_numbers<'b>(bytes: &'b [u8], contexts: &[u8], numbers: &mut [i64])
 
 /// Meaning of one of the 2^12 slots of a state.
 #[derive(Clone, Copy)]
-struct Part {
+struct DecodeEntry {
     /// Smallest number of the token, and the number of remaining bits.
     least: u64,
     rest: u8,
@@ -452,13 +453,13 @@ struct Part {
     place: u16,
 }
 
-impl Part {
+impl DecodeEntry {
     /// Returns the meaning of all slots; empty if there are no tokens.
-    fn all(table: &Table, fineness: u32) -> Vec<Part> {
+    fn all(table: &Table, fineness: u32) -> Vec<DecodeEntry> {
         let mut parts = Vec::new();
         for (token, frequency) in table.frequencies.iter().enumerate() {
             let (least, rest) = number_of(token as u16, fineness);
-            let part = |place| Part { least, rest: rest as u8, frequency: *frequency, place };
+            let part = |place| DecodeEntry { least, rest: rest as u8, frequency: *frequency, place };
             parts.extend((0..*frequency).map(part));
         }
         parts
@@ -478,7 +479,7 @@ mod tests {
     }
 
     #[test]
-    fn tokens_tell_all_numbers() {
+    fn tokens_represent_all_numbers() {
         let mut random = random();
         let some = (0..10_000).map(|_| random() >> (random() % 64));
         for number in (0..5000).chain(some).chain([u64::MAX, 1 << 63, (1 << 63) - 1]) {
@@ -519,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn damage_is_told_or_changes_numbers_only() {
+    fn corruption_is_an_error_or_changes_numbers_only() {
         let mut random = random();
         let numbers: Vec<i64> = (0..300).map(|_| (random() >> (40 + random() % 20)) as i64).collect();
         let contexts: Vec<u8> = (0..300).map(|index| (index % 3) as u8).collect();
@@ -527,11 +528,11 @@ mod tests {
         pack_numbers(&numbers, &contexts, &mut bytes);
         let mut found = vec![0; 300];
         for _ in 0..20_000 {
-            let mut damaged = bytes.clone();
-            let at = random() as usize % damaged.len();
-            damaged[at] ^= 1 << (random() % 8);
-            damaged.truncate(damaged.len() - (random() % 3) as usize);
-            let _ = unpack_numbers(&damaged, &contexts, &mut found);
+            let mut corrupt = bytes.clone();
+            let at = random() as usize % corrupt.len();
+            corrupt[at] ^= 1 << (random() % 8);
+            corrupt.truncate(corrupt.len() - (random() % 3) as usize);
+            let _ = unpack_numbers(&corrupt, &contexts, &mut found);
         }
         for length in 0..bytes.len() {
             assert!(unpack_numbers(&bytes[..length], &contexts, &mut found).is_none());

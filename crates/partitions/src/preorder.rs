@@ -6,7 +6,7 @@
 pub enum BinaryNode<D, L> {
     /// Inner node with two sides. The first side begins at the next node.
     Divided {
-        /// What the node divides by.
+        /// Divider of the two sides.
         by: D,
         /// Index of the node at which the second side begins.
         second: usize,

@@ -23,7 +23,7 @@ pub(crate) struct SamplePoint<'a> {
     at: [I1024; 2],
     /// Divisor of the coordinates; positive.
     weight: I1024,
-    /// The same coordinates and weight in fewer bits, if they are below 2^68 and 2^40.
+    /// Copy of coordinates and weight in fewer bits, if they are below 2^68 and 2^40.
     ///
     /// Invariant: no larger numbers are stored here. So products with grid coordinates and their
     /// differences, of 27 bits each, are below 2^127. (An overflow would be a wrong side of an

@@ -95,7 +95,7 @@ pub(crate) struct Operands<'a> {
 /// Returns the change of a surface's winding number above a sample by faces that are in no list.
 pub(crate) type OtherFaces<'a> = dyn Fn(&SamplePoint<'_>) -> Result<i32> + Sync + 'a;
 
-/// What is left of a face.
+/// Remainder of a face in a surface.
 pub(super) enum Kept<'a> {
     /// The whole face, or its reverse.
     Face { face: Face<'a>, is_turned: bool },

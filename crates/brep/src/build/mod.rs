@@ -230,7 +230,7 @@ impl ModelBuilder {
     /// `last_part`.
     ///
     /// # Errors
-    /// As [`ModelBuilder::push_exact`].
+    /// The errors of [`ModelBuilder::push_exact`].
     pub(super) fn push_kept_exact(&mut self, block: &ExactBlock<'_>, last_part: u32) -> Result<()> {
         self.check_exact_room(block.len() as u64)?;
         self.last_part = self.last_part.max(last_part);

@@ -68,7 +68,7 @@ impl Replaced {
     }
 }
 
-/// What an operation does with a face of an octree.
+/// Treatment of a face of an octree in an operation.
 #[derive(Clone, Copy)]
 pub(super) enum Use {
     /// The face is far from other bodies, and its fate is known.

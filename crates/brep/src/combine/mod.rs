@@ -31,7 +31,7 @@
 //! an operand like any other model. In the octree, on-grid faces represent an exact face: its
 //! proxies. Files do not store the exact face of a proxy, but both have the same part and source.
 //!
-//! What becomes of an operand's faces ("arranged": kept, reversed, divided or dropped by stage 2;
+//! Results of an operand's faces ("arranged": kept, reversed, divided or dropped by stage 2;
 //! "fate": as stage 1 decides; "proxy": what represents them in the result's octree):
 //!
 //! | face                         | kept | reversed | dropped | arranged | proxy               |

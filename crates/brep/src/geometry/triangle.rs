@@ -23,8 +23,8 @@ impl Integer for i128 {}
 /// product with a coordinate below 2^61, and two of these are added.
 const SMALL_FOR_EDGES: i64 = 1 << 30;
 const _: () = assert!(2 * (2 * SMALL_FOR_EDGES as i128) * (SMALL_FOR_EDGES as i128) <= 1 << 63);
-/// The same limit for [`misses_plane`]: a component of the normal is below 2^41, its product with a
-/// coordinate below 2^60, and three of these are added.
+/// Limit of coordinates for [`misses_plane`], likewise: a component of the normal is below 2^41,
+/// its product with a coordinate below 2^60, and three of these are added.
 const SMALL_FOR_PLANE: i64 = 1 << 19;
 const _: () = assert!(3 * (8 * (SMALL_FOR_PLANE as i128).pow(2)) * (SMALL_FOR_PLANE as i128) <= 1 << 63);
 

@@ -193,7 +193,7 @@ impl ModelView {
     /// See [`ExactModel::signed_distance`].
     ///
     /// # Errors
-    /// As [`ModelView::nearest`].
+    /// The errors of [`ModelView::nearest`].
     pub fn signed_distance(&self, from: [f64; 3]) -> Result<f64> {
         let Some(rest) = &self.rest else { return self.model.signed_distance(from) };
         let factor = self.factor(rest, "distances")?;
@@ -270,7 +270,7 @@ impl ModelView {
     /// See [`ExactModel::part_measures`].
     ///
     /// # Errors
-    /// As [`ExactModel::part_measures`].
+    /// The errors of [`ExactModel::part_measures`].
     pub fn part_measures(&self, memory: u64, progress: &dyn Progress) -> Result<Vec<PartMeasures>> {
         let all = self.model.part_measures(memory, progress)?;
         let Some(rest) = &self.rest else { return Ok(all) };
@@ -323,7 +323,7 @@ impl ModelView {
     /// See [`ExactModel::section`].
     ///
     /// # Errors
-    /// As [`ExactModel::section`].
+    /// The errors of [`ExactModel::section`].
     pub fn section(&self, plane: &CuttingPlane, progress: &dyn Progress) -> Result<Vec<SectionPolygon>> {
         let Some(rest) = &self.rest else { return self.model.section(plane, progress) };
         let own = CuttingPlane {
@@ -337,7 +337,7 @@ impl ModelView {
     /// See [`ExactModel::plane_sections`].
     ///
     /// # Errors
-    /// As [`ExactModel::plane_sections`].
+    /// The errors of [`ExactModel::plane_sections`].
     pub fn plane_sections(
         &self,
         normal: [f64; 3],

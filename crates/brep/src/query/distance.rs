@@ -57,7 +57,7 @@ impl ExactModel {
     /// most `most`.
     ///
     /// # Errors
-    /// As [`ExactModel::nearest`].
+    /// The errors of [`ExactModel::nearest`].
     pub fn nearest_within(&self, to: [f64; 3], most: f64) -> Result<Option<SurfacePoint>> {
         let grid = self.grid();
         let from = grid.to_grid(to);

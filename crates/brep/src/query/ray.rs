@@ -42,7 +42,7 @@ impl ExactModel {
     /// surface, as [`ExactModel::ray`]: a line-of-sight test.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// The errors of [`ExactModel::ray`].
     pub fn between(&self, from: [f64; 3], to: [f64; 3]) -> Result<(Option<Hit>, Visited)> {
         let grid = self.grid();
         self.first_hit(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
@@ -52,7 +52,7 @@ impl ExactModel {
     /// surface, in order.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// The errors of [`ExactModel::ray`].
     pub fn crossings(&self, from: [f64; 3], to: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
         self.all_hits(Line::between(grid, grid.to_grid(from), grid.to_grid(to)))
@@ -62,7 +62,7 @@ impl ExactModel {
     /// it begins inside of a bounded body, otherwise an even number.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// The errors of [`ExactModel::ray`].
     pub fn ray_crossings(&self, from: [f64; 3], direction: [f64; 3]) -> Result<Vec<Hit>> {
         let grid = self.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
@@ -113,7 +113,7 @@ impl ModelRays<'_> {
     /// Returns the first point where a ray in the world crosses the surface: [`ExactModel::ray`].
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// The errors of [`ExactModel::ray`].
     pub fn first(&mut self, from: [f64; 3], direction: [f64; 3]) -> Result<Option<Hit>> {
         let grid = self.model.grid();
         let steps = direction.map(|along| along * grid.divisor / grid.step);
@@ -130,7 +130,7 @@ impl ModelRays<'_> {
     /// that consecutive rays read the same pages.
     ///
     /// # Errors
-    /// As [`ExactModel::ray`].
+    /// The errors of [`ExactModel::ray`].
     pub fn first_of(&mut self, rays: &[[[f64; 3]; 2]]) -> Result<Vec<Option<Hit>>> {
         let grid = self.model.grid();
         let [low, high] = [[0; 3], [((1u64 << grid.bits) - 1) as i32; 3]].map(|corner| grid.to_world(corner));

@@ -153,7 +153,7 @@ impl ExactModel {
     /// with the sections of 256 planes in memory.
     ///
     /// # Errors
-    /// As [`ExactModel::section`]; if distances do not ascend, or what `each` returns.
+    /// The errors of [`ExactModel::section`], descending distances, and the errors of `each`.
     pub fn plane_sections(
         &self,
         normal: [f64; 3],

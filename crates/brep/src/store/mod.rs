@@ -3,6 +3,7 @@
 pub(super) mod block;
 pub(super) mod exact;
 pub(crate) mod formula;
+mod node;
 pub(crate) mod objects;
 mod open;
 mod packed;
@@ -16,7 +17,8 @@ mod verify;
 pub(crate) mod writer;
 
 pub use block::FaceBuffer;
+pub use node::{ModelNode, ModelNodeState};
 pub use open::is_model_file;
-pub use reader::{ExactModel, ModelNode, ModelNodeState};
+pub use reader::ExactModel;
 pub use segment::{LeafRule, NodeKind};
 pub use summary::NodeCounts;

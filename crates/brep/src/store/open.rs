@@ -52,7 +52,7 @@ impl ExactModel {
     /// Opens a file in memory.
     ///
     /// # Errors
-    /// As [`ExactModel::open`].
+    /// The errors of [`ExactModel::open`].
     pub fn from_bytes(bytes: Vec<u8>) -> Result<ExactModel> {
         ExactModel::from_backend(Path::new("(memory)"), Box::new(bytes), &OpenOptions::default())
     }
@@ -60,7 +60,7 @@ impl ExactModel {
     /// Opens a file of any backend; `path` is for messages.
     ///
     /// # Errors
-    /// As [`ExactModel::open`].
+    /// The errors of [`ExactModel::open`].
     pub fn from_backend(
         path: &Path,
         backend: Box<dyn ReadBackend>,

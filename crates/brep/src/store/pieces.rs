@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::packed::{Damage, PLAIN, unpack};
+use super::packed::{Corruption, PLAIN, unpack};
 use spinney_base::io::{FileBytes, ReadBackend, Unpacked};
 use spinney_base::{Error, Result};
 use spinney_container::{Codec, OpenOptions};
@@ -198,7 +198,7 @@ impl Pieces {
             return Ok(stored.part(1..length));
         }
         let plain = unpack(self.kind, &stored)
-            .map_err(|Damage(what)| self.corrupt(path, index, what, "a piece that was packed"))?;
+            .map_err(|Corruption(what)| self.corrupt(path, index, what, "a piece that was packed"))?;
         Ok(FileBytes::Held(unpacked.put(index as u64, Arc::new(plain))))
     }
 

@@ -94,8 +94,8 @@ fn there_are_places_without_coordinates() {
     assert!(zone.inverse([f64::INFINITY, 0.0]).is_none());
 }
 
-/// The same system in every form, without an EPSG code: Lambert's conic with two parallels, in US
-/// survey feet.
+/// One system in every form, without an EPSG code: Lambert's conic with two parallels, in US survey
+/// feet.
 const FORMS: [&str; 6] = [
     // As written by GDAL.
     r#"PROJCS["mine",GEOGCS["NAD83",DATUM["North_American_Datum_1983",SPHEROID["GRS 1980",6378137,298.257222101]],

@@ -68,7 +68,7 @@ pub struct OpenNode {
 
 /// Cells of a tree below a node.
 enum Operand {
-    /// The same for all cells.
+    /// One value, or VOID, in all cells.
     Uniform(Option<Value>),
     Cells(CellBlock),
 }

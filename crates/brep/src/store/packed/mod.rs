@@ -40,7 +40,7 @@ fn may_be_packed(list: List, packed: u64, plain: u64) -> bool {
 
 /// The reason why bytes are not a packed chunk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Damage(pub(super) &'static str);
+pub(super) struct Corruption(pub(super) &'static str);
 
 /// Packs a chunk, if possible, for a file with packed chunks.
 pub(super) fn pack(list: List, plain: &[u8]) -> Vec<u8> {
@@ -67,21 +67,21 @@ fn packed(list: List, plain: &[u8]) -> Option<Vec<u8>> {
 }
 
 /// Unpacks a chunk.
-pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Damage> {
-    let (head, columns) = packed.split_first_chunk::<HEAD>().ok_or(Damage("too few bytes"))?;
+pub(super) fn unpack(list: List, packed: &[u8]) -> Result<Vec<u8>, Corruption> {
+    let (head, columns) = packed.split_first_chunk::<HEAD>().ok_or(Corruption("too few bytes"))?;
     let word = |at: usize| u32::from_le_bytes(head[at..at + 4].try_into().expect("four bytes"));
     let (checksum, length) = (word(1), word(5));
     if head[0] != PACKED || !may_be_packed(list, packed.len() as u64, length.into()) {
-        return Err(Damage("a head of no packed piece, or of one that becomes too long"));
+        return Err(Corruption("a head of no packed piece, or of one that becomes too long"));
     }
     let (bits, numbers) = contexts(list);
-    let mut columns = Columns::reader(columns, bits, numbers).ok_or(Damage("no states"))?;
-    let plain = code(list, &mut columns, length as usize, &[]).ok_or(Damage("lists that cannot be"))?;
+    let mut columns = Columns::reader(columns, bits, numbers).ok_or(Corruption("no states"))?;
+    let plain = code(list, &mut columns, length as usize, &[]).ok_or(Corruption("lists that cannot be"))?;
     if !columns.is_whole() || plain.len() != length as usize {
-        return Err(Damage("another length"));
+        return Err(Corruption("another length"));
     }
     if crc32c::crc32c(&plain) != checksum {
-        return Err(Damage("another checksum"));
+        return Err(Corruption("another checksum"));
     }
     Ok(plain)
 }

@@ -219,12 +219,12 @@ impl View {
         }
     }
 
-    /// The same view of a source that has other values in the same nodes.
+    /// Returns this view of a source that has other values in the same nodes.
     pub(in crate::ops) fn over(self, source: Arc<ViewSource>) -> View {
         View { form: source.form(), source, ..self }
     }
 
-    /// The same view, which has [levels between](View::levels_above) its cells and the source's, of
+    /// Returns this view with [levels between](View::levels_above) its cells and the source's, of
     /// a source whose cells are as large as the view's.
     pub(in crate::ops) fn over_scaled(self, source: Arc<ViewSource>, to_own: &AffineMap) -> Result<View> {
         let Lookup { visible, shown, .. } = &self.lookup;

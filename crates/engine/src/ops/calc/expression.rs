@@ -71,7 +71,7 @@ impl Reducer {
 /// Instruction of a program, which takes its numbers from a stack and pushes one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Op {
-    /// The same number for all cells.
+    /// Number that all cells have.
     Number(f64),
     /// Operand with this index.
     Operand(usize),

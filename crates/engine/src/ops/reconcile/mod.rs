@@ -62,7 +62,7 @@ impl fmt::Display for Conversion {
     }
 }
 
-/// What an operation needs of an operand.
+/// Need of an operation for an operand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Needs {
     /// Its values, converted to values of the result.

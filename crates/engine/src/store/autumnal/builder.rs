@@ -22,7 +22,7 @@ use spinney_base::space::Code;
 use spinney_base::value::{Rule, Value};
 use spinney_container::{Finding, INNER, LevelCounts};
 
-/// What to do with the built records.
+/// Use of the built records.
 pub(super) enum Mode<'a> {
     /// Write them unless the file has them.
     Write(&'a mut Appender),

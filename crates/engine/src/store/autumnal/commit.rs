@@ -15,7 +15,7 @@ pub struct Note {
     pub time: Option<i64>,
     /// Name of the author.
     pub author: String,
-    /// What was done, and why.
+    /// Message: the change and its reason.
     pub message: String,
 }
 

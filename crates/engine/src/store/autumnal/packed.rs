@@ -33,7 +33,7 @@ use super::zone::{get_signed, get_u64, put, put_signed};
 use spinney_base::io::{CachedBytes, FileAccess, Unpacked};
 use spinney_base::value::Value;
 use spinney_container::{FileHeader, Header};
-use spinney_packing::{Damage, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
+use spinney_packing::{Corruption, Run, RunForm, UnpackedRuns, may_unpack, pack_runs, unpack_runs};
 
 /// Base-2 logarithm of an upper bound of an extent's decoded bytes.
 const PLAIN_BITS: u32 = 21;
@@ -102,9 +102,9 @@ impl PackedExtents {
         let form = run_form(&header, self.run_levels);
         // (The bytes other than runs take at most twice the size of their decoded form.)
         let unpacked = unpack_runs(&form, head.records, 2 * head.plain, packed);
-        let UnpackedRuns { runs, beside } = unpacked.map_err(|Damage(what)| what)?;
+        let UnpackedRuns { runs, side_bytes } = unpacked.map_err(|Corruption(what)| what)?;
         let mut records = Records::default();
-        let mut rest = &beside[..];
+        let mut rest = &side_bytes[..];
         for run in &runs {
             let address = start + (HEAD_SIZE + records.starts.len()) as u64;
             if run.height > header.depth() {
@@ -211,15 +211,15 @@ pub(super) struct PackedWriter {
     heights: Vec<u8>,
     records: Records,
     /// Encoded pointers and zones: the bytes that are not in runs.
-    beside: Vec<u8>,
+    side_bytes: Vec<u8>,
 }
 
 impl PackedWriter {
     /// Creates a writer for records of a tree.
     pub(super) fn new(header: &Header, run_levels: u8) -> PackedWriter {
         let layout = PointeredLayout::new(header.form, run_levels, header.depth());
-        let (heights, records, beside) = (Vec::new(), Records::default(), Vec::new());
-        PackedWriter { header: header.clone(), run_levels, layout, start: 0, heights, records, beside }
+        let (heights, records, side_bytes) = (Vec::new(), Records::default(), Vec::new());
+        PackedWriter { header: header.clone(), run_levels, layout, start: 0, heights, records, side_bytes }
     }
 
     /// Switches to records of another tree. No record of the tree before may be pending.
@@ -246,10 +246,10 @@ impl PackedWriter {
         self.start = start;
         self.records.push(&self.layout, (address, height), representative, pointers, run, zone);
         self.heights.push(height);
-        put_pointers(&mut self.beside, &self.layout, (address, height), pointers);
+        put_pointers(&mut self.side_bytes, &self.layout, (address, height), pointers);
         if self.layout.heights.has_zone(height) {
-            put(&mut self.beside, zone.len() as u128);
-            self.beside.extend_from_slice(zone);
+            put(&mut self.side_bytes, zone.len() as u128);
+            self.side_bytes.extend_from_slice(zone);
         }
         address
     }
@@ -274,7 +274,7 @@ impl PackedWriter {
         };
         let runs: Option<Vec<Run<&[u8]>>> = self.heights.iter().enumerate().map(run).collect();
         let form = run_form(&self.header, self.run_levels);
-        let packed = runs.and_then(|runs| pack_runs(&form, &runs, &self.beside));
+        let packed = runs.and_then(|runs| pack_runs(&form, &runs, &self.side_bytes));
         let head = |is_packed: bool| {
             let mut bytes = (records.bytes.len() as u32).to_le_bytes().to_vec();
             bytes.extend_from_slice(&(self.heights.len() as u16).to_le_bytes());
@@ -287,7 +287,7 @@ impl PackedWriter {
         let packed = packed.filter(|packed| PackedHead::read(packed).is_some());
         let bytes = packed.unwrap_or_else(|| [head(false), records.to_bytes()].concat());
         self.heights.clear();
-        self.beside.clear();
+        self.side_bytes.clear();
         bytes
     }
 }

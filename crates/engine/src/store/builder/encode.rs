@@ -103,7 +103,7 @@ pub(super) type DenseSizes = [u32; 16];
 pub(super) fn dense_sizes<R: Record>(levels: u8, most: u8) -> DenseSizes {
     array::from_fn(|states| match DenseKind::of_states(states as u8) {
         Some(kind) if levels <= most && dense_levels(R::DIMENSION).contains(&levels) => {
-            1 + R::RECORD_LAYOUT.dense_places(kind, levels) as u32
+            1 + R::RECORD_LAYOUT.dense_slots(kind, levels) as u32
         }
         _ => u32::MAX,
     })

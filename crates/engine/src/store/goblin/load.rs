@@ -11,7 +11,7 @@ use spinney_base::io::FileBytes;
 use spinney_base::space::Code;
 use spinney_base::{Error, Result};
 use spinney_container::Codec;
-use spinney_packing::{Damage, may_unpack, unpack};
+use spinney_packing::{Corruption, may_unpack, unpack};
 
 impl Goblin {
     /// Returns one segment.
@@ -204,8 +204,8 @@ impl Goblin {
         }
         let form = segment_form(&self.header, node).ok_or_else(|| self.changed(index))?;
         let bytes = unpack(&form, records, classes, packed).map_err(|damage| match damage {
-            Damage::OLDER => Error::unsupported(&self.file.path, Damage::OLDER.0, "build it again"),
-            Damage(what) => self.corrupt(part(), what, "a segment that was packed"),
+            Corruption::OLDER => Error::unsupported(&self.file.path, Corruption::OLDER.0, "build it again"),
+            Corruption(what) => self.corrupt(part(), what, "a segment that was packed"),
         })?;
         if bytes.len() as u64 != plain {
             return Err(self.corrupt(part(), format!("{} bytes", bytes.len()), &format!("{plain}")));

@@ -18,7 +18,7 @@ use spinney_container::{
     Codec, Header, INNER, LEAF, LevelCounts, PieceSummary, Shape, ShardSummary, SummaryBytes, SummaryWriter,
     VOID,
 };
-use spinney_packing::{Damage, SegmentForm, may_unpack, pack, unpack};
+use spinney_packing::{Corruption, SegmentForm, may_unpack, pack, unpack};
 
 /// The first byte of entries, and of a part.
 const SEGMENTS: u8 = 1;
@@ -285,7 +285,7 @@ impl<'h> Items<'h> {
         let places = u32::try_from(length / size).ok().filter(|_| length.is_multiple_of(size));
         let may = code.level() <= self.header.depth() && may_unpack(stored.len() as u64, length);
         let unpacked = places.filter(|_| may).map(|places| {
-            unpack(&form_of(self.header, code), places, 0, &stored).map_err(|Damage(what)| what)
+            unpack(&form_of(self.header, code), places, 0, &stored).map_err(|Corruption(what)| what)
         });
         unpacked.unwrap_or(Err("more bytes than they may become")).map_err(|what| {
             let found = format!("records of node {code} in {} bytes: {what}", stored.len());

@@ -18,7 +18,7 @@ use spinney_base::space::Dimension;
 pub(crate) use spinney_container::DenseBlock;
 use spinney_container::{DenseKind, INNER, LEAF, MAX_DENSE_LEVELS, VOID, dense_levels};
 
-/// [`RecordLayout::dense_places`] by presence of a mask and by levels, for a record type, so that
+/// [`RecordLayout::dense_slots`] by presence of a mask and by levels, for a record type, so that
 /// readers do not compute the sizes of blocks.
 struct DensePlaces<R>(PhantomData<R>);
 
@@ -27,8 +27,8 @@ impl<R: Record> DensePlaces<R> {
         let mut table = [[0; MAX_DENSE_LEVELS as usize + 1]; 2];
         let mut levels = *dense_levels(R::DIMENSION).start();
         while levels <= *dense_levels(R::DIMENSION).end() {
-            table[0][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::ALL_LEAF, levels) as u32;
-            table[1][levels as usize] = R::RECORD_LAYOUT.dense_places(DenseKind::LEAF_OR_VOID, levels) as u32;
+            table[0][levels as usize] = R::RECORD_LAYOUT.dense_slots(DenseKind::ALL_LEAF, levels) as u32;
+            table[1][levels as usize] = R::RECORD_LAYOUT.dense_slots(DenseKind::LEAF_OR_VOID, levels) as u32;
             let (start, here) = (*dense_levels(R::DIMENSION).start(), levels as usize);
             assert!(
                 levels == start

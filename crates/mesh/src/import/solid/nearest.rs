@@ -9,7 +9,7 @@ use spinney_brep::exact::bounds::SOLID_BITS;
 /// the rounding error of each.
 const ROUNDED_DOWN: f64 = 1.0 - 1e-9;
 const _: () = assert!(1.0 - ROUNDED_DOWN > 40.0 * f64::EPSILON);
-/// The same as an absolute margin in grid units. It covers cancellation, where a small distance has
+/// Absolute margin in grid units, in addition. It covers cancellation, where a small distance has
 /// a few rounding errors of the largest grid coordinates.
 const STEPS_LESS: f64 = 1e-3;
 const _: () = assert!(STEPS_LESS > 8.0 * f64::EPSILON * (2u64 << SOLID_BITS) as f64);

@@ -45,7 +45,7 @@ impl Nesting {
         Ok(Nesting { depth, left: Arc::clone(&self.left) })
     }
 
-    /// The same nesting level with a fresh source budget.
+    /// Returns this nesting level with a fresh source budget.
     pub(super) fn anew(&self) -> Nesting {
         Nesting { depth: self.depth, ..Nesting::default() }
     }
